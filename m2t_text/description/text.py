@@ -1,0 +1,81 @@
+"""The text of a map: tokens ``x<int>_y<int>_a<int>`` and the arrays they stand for (paper, IV-C, eq. 1)."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from m2t_text.errors import TextError
+
+WORDS = 1024  # size of the appearance vocabulary, K = 2^D with D = 10 rings (paper, III-B)
+POSE_LIMIT = 32767  # the largest pose word, in cells: what an int16 holds
+TOKEN = re.compile(r"x(-?\d{1,5})_y(-?\d{1,5})_a(\d{1,4})", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Text:
+    """Visual words <w_x, w_y, w_a>, one a keypoint, ordered by (w_a, w_x, w_y).
+
+    Attributes:
+        wx, wy: (N,) int16, pose words: floor(coordinate / 0.1 m) in the map's own frame.
+        wa: (N,) int16, appearance words, 0..1023.
+    """
+
+    wx: NDArray[np.int16]
+    wy: NDArray[np.int16]
+    wa: NDArray[np.int16]
+
+    @classmethod
+    def of(cls, wx: ArrayLike, wy: ArrayLike, wa: ArrayLike) -> "Text":
+        """A text of these words in the fixed order; words out of range are a TextError."""
+        x, y, a = (np.atleast_1d(np.asarray(w, dtype=np.int64)) for w in (wx, wy, wa))
+        if x.size and max(abs(x).max(), abs(y).max()) > POSE_LIMIT:
+            raise TextError(f"a pose word is over {POSE_LIMIT} cells from the viewpoint; are the units metres?")
+        if a.size and not (a.min() >= 0 and a.max() < WORDS):
+            raise TextError(f"an appearance word is outside 0…{WORDS - 1}")
+        order = np.lexsort((y, x, a))
+        return cls(*(w[order].astype(np.int16) for w in (x, y, a)))
+
+    def __len__(self) -> int:
+        return len(self.wa)
+
+    def __str__(self) -> str:
+        return " ".join(f"x{x}_y{y}_a{a}" for x, y, a in zip(self.wx, self.wy, self.wa, strict=True))
+
+    @property
+    def words(self) -> int:
+        """How many different appearance words the text has."""
+        return len(np.unique(self.wa))
+
+    def turned(self, quarters: int) -> "Text":
+        """The same map described with its viewing direction turned clockwise by so many quarter turns, so
+        that its keypoints turn counter-clockwise. Exact: cells map onto cells."""
+        x, y = self.wx.astype(np.int64), self.wy.astype(np.int64)
+        for _ in range(quarters % 4):
+            x, y = -y - 1, x
+        return Text.of(x, y, self.wa)
+
+    def positions(self) -> NDArray[np.float64]:
+        """(N, 2) cell centres in units of cells, in the map's own frame."""
+        return np.stack([self.wx, self.wy], axis=1) + 0.5
+
+
+def parse(string: str) -> Text:
+    """The text that a string of tokens stands for: lossless, ``str(parse(str(text))) == str(text)``.
+
+    Raises:
+        TextError: naming the first broken token and its position, counted from 1.
+    """
+    tokens = string.split()
+    words = np.empty((len(tokens), 3), dtype=np.int64)
+    for position, token in enumerate(tokens):
+        match = TOKEN.fullmatch(token)
+        words[position] = [int(group) for group in match.groups()] if match else [0, 0, WORDS]
+        if match is None or words[position, 2] >= WORDS or abs(words[position, :2]).max() > POSE_LIMIT:
+            shown = token if len(token) <= 40 else token[:37] + "..."
+            raise TextError(
+                f"token {position + 1} is {shown!r}, not x<int>_y<int>_a<int> with a word of 0…{WORDS - 1} "
+                f"and a position of at most {POSE_LIMIT} cells"
+            )
+    return Text.of(*words.T)

@@ -1,0 +1,52 @@
+"""A laser log in memory: scans with raw odometry, and the ground truth kept apart."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One sweep of the laser.
+
+    Attributes:
+        ranges: (B,) float64, metres; ``inf`` where the beam did not return (maximum reading, dropout).
+        angles: (B,) float64, radians in the laser's frame, x forward, counter-clockwise.
+        odometry: (3,) x, y, theta of the robot from raw wheel odometry, metres and radians.
+        timestamp: seconds; 0 where the log has none.
+        line: number of the scan's line in its file, from 1.
+    """
+
+    ranges: Floats
+    angles: Floats
+    odometry: Floats
+    timestamp: float = 0.0
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Log:
+    """A whole run of one robot.
+
+    Attributes:
+        name: the dataset's name.
+        scans: in the order of the log.
+        laser_pose: (3,) pose of the laser in the robot's frame.
+        ground_truth: (S, 3) corrected robot poses, or None. For judging only: nothing that describes,
+            indexes or searches may read it.
+        warnings: one line for each kind of damage that was skipped, with counts and line numbers.
+    """
+
+    name: str
+    scans: tuple[Scan, ...]
+    laser_pose: Floats = field(default_factory=lambda: np.zeros(3))
+    ground_truth: Floats | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def odometry(self) -> Floats:
+        """(S, 3) raw odometry of every scan."""
+        return np.array([scan.odometry for scan in self.scans]).reshape(-1, 3)

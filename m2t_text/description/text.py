@@ -58,7 +58,7 @@ class Text:
 
     def positions(self) -> NDArray[np.float64]:
         """(N, 2) cell centres in units of cells, in the map's own frame."""
-        return np.stack([self.wx, self.wy], axis=1) + 0.5
+        return np.stack([self.wx, self.wy], axis=1).astype(np.float64) + 0.5
 
 
 def parse(string: str) -> Text:

@@ -1,0 +1,109 @@
+"""The trajectory: wheel odometry refined by scan matching (paper, IV-A). The ground truth is never read.
+
+Every scan is registered against the few key scans before it. Only the recent past is used, so that the error
+stays small over the length of a local map and a robot could do the same while it drives.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.config import MappingParameters
+from m2t_text.geometry import between, compose, transform, travel, wrap
+from m2t_text.logs.log import Log, Scan
+from m2t_text.mapping.local_map import Survey
+from m2t_text.mapping.registration import normals, register
+
+Floats = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+MATCH_RANGE = 20.0  # m; farther hits hit the beam's divergence more than the wall
+THIN = 0.05  # m; neighbouring points nearer than this are one
+NORMAL_REACH = 0.35  # m; largest gap between neighbours on one wall
+KEY_STEP = (0.3, np.radians(20.0))  # m and rad from the last key scan to the next
+REFERENCE = (4.0, 2, 8)  # m of travel looked back, least and greatest number of key scans
+WORTH_A_SEARCH = (0.15, 0.1)  # m and rad of motion below which odometry is near enough for ICP alone
+SEARCH_SIGMAS = 2.5  # half-width of the search, in standard deviations of the prediction
+
+
+@dataclass(frozen=True)
+class _Cloud:
+    points: Floats
+    normals: Floats
+
+    def seen_from(self, pose: Floats, viewer: Floats) -> "_Cloud":
+        relative = between(viewer, pose)
+        turn = np.array([0.0, 0.0, relative[2]])
+        return _Cloud(transform(relative, self.points), transform(turn, self.normals))
+
+
+def survey(log: Log, parameters: MappingParameters, progress: Progress | None = None) -> Survey:
+    """A log's hits and its refined trajectory, ready for local maps. ``progress`` is told (scans done, all)."""
+    hits = [scan_points(scan, log.laser_pose, parameters.range_limit) for scan in log.scans]
+    starts = np.concatenate([[0], np.cumsum([len(points) for points in hits])]).astype(np.int64)
+    points = np.concatenate(hits) if hits else np.empty((0, 2))
+    return Survey(points, starts, refined_trajectory(log, progress))
+
+
+def scan_points(scan: Scan, laser_pose: Floats, range_limit: float) -> Floats:
+    """(N, 2) hits of a scan within the range limit, in the robot's frame, in beam order."""
+    hit = (scan.ranges > 0) & (scan.ranges <= range_limit)
+    ranges, angles = scan.ranges[hit], scan.angles[hit]
+    return transform(laser_pose, np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1))
+
+
+def refined_trajectory(log: Log, progress: Progress | None = None) -> Floats:
+    """(S, 3) robot poses in the frame of the first scan."""
+    odometry = log.odometry
+    way = travel(odometry)
+    poses = np.zeros_like(odometry)
+    clouds: list[_Cloud] = []
+    keys: list[int] = []
+    for i, scan in enumerate(log.scans):
+        clouds.append(_cloud(scan, log.laser_pose))
+        if i > 0:
+            motion = between(odometry[i - 1], odometry[i])
+            predicted = compose(poses[i - 1], motion)
+            reference = [clouds[k].seen_from(poses[k], predicted) for k in _recent(keys, way, i)]
+            poses[i] = compose(predicted, _correction(reference, clouds[i], motion))
+        if not keys or _far(poses[keys[-1]], poses[i]):
+            keys.append(i)
+        if progress:
+            progress(i + 1, len(log.scans))
+    return poses
+
+
+def _cloud(scan: Scan, laser_pose: Floats) -> _Cloud:
+    points = scan_points(scan, laser_pose, MATCH_RANGE)
+    kept = _thinned(points)
+    return _Cloud(points[kept], normals(points, NORMAL_REACH)[kept])
+
+
+def _thinned(points: Floats) -> NDArray[np.int64]:
+    """Indices of points that are at least THIN apart along the scan."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) if len(points) else points
+    return np.unique(np.floor(along / THIN), return_index=True)[1]
+
+
+def _recent(keys: list[int], way: Floats, scan: int) -> list[int]:
+    reach, least, greatest = REFERENCE
+    near = [k for k in keys[-greatest:] if way[scan] - way[k] <= reach]
+    return near if len(near) >= least else keys[-least:]
+
+
+def _far(a: Floats, b: Floats) -> bool:
+    return bool(np.hypot(*(b - a)[:2]) > KEY_STEP[0] or abs(wrap(b[2] - a[2])) > KEY_STEP[1])
+
+
+def _correction(reference: list[_Cloud], cloud: _Cloud, motion: Floats) -> Floats:
+    """What scan matching adds to a pose that odometry predicts, in the predicted frame."""
+    distance, turn = float(np.hypot(*motion[:2])), abs(float(motion[2]))
+    # A common wheel odometry's errors: slip in proportion to the way, and heading errors from both.
+    sigma = np.array([0.03 + 0.12 * distance, 0.01 + 0.12 * turn + 0.03 * distance])
+    search = distance > WORTH_A_SEARCH[0] or turn > WORTH_A_SEARCH[1]
+    window = SEARCH_SIGMAS * sigma if search else np.zeros(2)
+    points = np.concatenate([part.points for part in reference])
+    point_normals = np.concatenate([part.normals for part in reference])
+    return register(points, point_normals, cloud.points, window[0], window[1], sigma)

@@ -1,0 +1,102 @@
+"""From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.config import DescriptionParameters, Parameters
+from m2t_text.description.document import Document
+from m2t_text.description.polestar import polestar_words
+from m2t_text.description.text import Text
+from m2t_text.description.viewpoint import plan_viewpoint
+from m2t_text.geometry import inverse, transform
+from m2t_text.logs.log import Log
+from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
+from m2t_text.mapping.trajectory import survey
+
+Progress = Callable[[int, int], None]
+
+CHUNK = 64  # maps described between two steps of a progress bar
+
+
+def describe(local_map: LocalMap, dataset: str, parameters: Parameters) -> Document:
+    """A local map as a document.
+
+    The occupied cells are cut anew along the walls, in the frame of the planned viewpoint: each is one
+    keypoint, its pose word is its cell, its appearance word what lies around it.
+    """
+    chosen = parameters.description
+    # Viewpoint planning (IV-B)
+    viewpoint, centre = plan_viewpoint(local_map.points, local_map.trajectory, chosen.viewpoint == "trajectory")
+    # Holistic view descriptor (IV-C)
+    text = view_text(transform(inverse(viewpoint), local_map.points), chosen, parameters.mapping.cell)
+    return Document(
+        dataset=dataset,
+        first_scan=local_map.first_scan,
+        last_scan=local_map.last_scan,
+        travel=local_map.travel,
+        pose=local_map.pose,
+        viewpoint=viewpoint,
+        centre_of_gravity=centre,
+        points=len(local_map.points),
+        text=text,
+    )
+
+
+def view_text(points: NDArray[np.float64], parameters: DescriptionParameters, cell: float) -> Text:
+    """The text of points (N, 2) given in the frame of the viewpoint: one token for each occupied cell."""
+    cells = np.unique(np.floor(points / cell).astype(np.int64), axis=0)
+    words = polestar_words((cells + 0.5) * cell, np.array(parameters.radii))
+    return Text.of(cells[:, 0], cells[:, 1], words)
+
+
+def describe_log(
+    log: Log, parameters: Parameters, jobs: int = 1, progress: Callable[[str, int, int], None] | None = None
+) -> Iterator[Document]:
+    """The documents of all local maps of a log, in the order of their first scans.
+
+    The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all).
+    """
+    # Map building (IV-A)
+    whole = survey(log, parameters.mapping, progress and (lambda n, of: progress("scans", n, of)))
+    starts = run_starts(whole, parameters.mapping.run_length)
+    chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
+    done = 0
+    for documents in _described(whole, chunks, log.name, parameters, jobs):
+        yield from documents
+        done += len(documents)
+        if progress:
+            progress("maps", done, len(starts))
+
+
+def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
+    """The document of the local map that begins at one scan of a log."""
+    whole = survey(log, parameters.mapping)
+    (local_map,) = local_maps(whole, parameters.mapping, np.array([scan]))
+    return describe(local_map, log.name, parameters)
+
+
+_worker: tuple[Survey, str, Parameters]
+
+
+def _described(
+    whole: Survey, chunks: list[NDArray[np.int64]], dataset: str, parameters: Parameters, jobs: int
+) -> Iterator[list[Document]]:
+    if jobs <= 1 or len(chunks) <= 1:
+        for chunk in chunks:
+            yield [describe(m, dataset, parameters) for m in local_maps(whole, parameters.mapping, chunk)]
+        return
+    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(whole, dataset, parameters)) as pool:
+        yield from pool.map(_work, chunks)
+
+
+def _start(whole: Survey, dataset: str, parameters: Parameters) -> None:
+    global _worker  # noqa: PLW0603 - a process of the pool gets the survey once, not with every chunk
+    _worker = (whole, dataset, parameters)
+
+
+def _work(chunk: NDArray[np.int64]) -> list[Document]:
+    whole, dataset, parameters = _worker
+    return [describe(m, dataset, parameters) for m in local_maps(whole, parameters.mapping, chunk)]

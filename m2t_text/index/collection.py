@@ -1,0 +1,109 @@
+"""What matching needs of a whole index: the postings of each segment, and the statistics over all of them."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary, WeakValueDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.description.text import WORDS
+from m2t_text.index import kernel
+from m2t_text.index.postings import Postings
+
+GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One segment as a reader sees it.
+
+    Attributes:
+        postings: of all its documents; they never change.
+        live: (documents,) bool, False where this reader's state of the index has the document deleted.
+    """
+
+    postings: Postings
+    live: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Collection:
+    """All live maps that a reader sees, whatever the segments that they lie in.
+
+    Attributes:
+        segments: by segment id.
+        maps: N, number of live maps.
+        frequency: (1024,) int64, live maps with each word.
+    """
+
+    segments: dict[str, Segment]
+    maps: int
+    frequency: NDArray[np.int64]
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """(1024,) the rarity of each word: log((N + 1) / df). Positive, as Whoosh asks of scores.
+
+        Rounded to a grid on which sums are exact, so that equal scores are equal whatever the order of adding.
+        """
+        rarity = np.log((self.maps + 1) / np.maximum(self.frequency, 1))
+        return np.ceil(rarity / GRID) * GRID
+
+    @cached_property
+    def norms(self) -> dict[str, NDArray[np.float64]]:
+        """For each segment (documents,) the weight of each map: the sum of its keypoints' weights."""
+        norms = {name: np.zeros(segment.postings.documents) for name, segment in self.segments.items()}
+        for name, segment in self.segments.items():
+            postings = segment.postings
+            kernel.document_weight(postings.starts, postings.doc, self.weights, norms[name])
+        return norms
+
+
+_lock = threading.RLock()
+_collections: WeakKeyDictionary[Any, Collection] = WeakKeyDictionary()
+_postings: WeakValueDictionary[tuple[str, str], Postings] = WeakValueDictionary()
+
+
+def collection(searcher: Any, fieldname: str) -> Collection:
+    """The collection that a searcher, or the parent of a segment's searcher, sees.
+
+    It lives as long as the reader does, and readers of the same index share the postings of common segments.
+    """
+    reader = searcher.get_parent().reader()
+    with _lock:
+        if reader not in _collections:
+            _collections[reader] = _collect(reader, fieldname)
+        return _collections[reader]
+
+
+def segment_name(reader: Any) -> str:
+    """The id of a segment reader's segment; ids are random, and a segment's contents never change."""
+    return str(reader.segment().segment_id())
+
+
+def leaves(reader: Any) -> Iterator[Any]:
+    """The segment readers below a reader; none for an index without documents."""
+    return (leaf for leaf, _ in reader.leaf_readers() if leaf.doc_count_all())
+
+
+def _collect(reader: Any, fieldname: str) -> Collection:
+    segments = {segment_name(leaf): _segment(leaf, fieldname) for leaf in leaves(reader)}
+    frequency = np.zeros(WORDS, dtype=np.int64)
+    for segment in segments.values():
+        kernel.document_frequency(segment.postings.starts, segment.postings.doc, segment.live, frequency)
+    return Collection(segments, sum(int(segment.live.sum()) for segment in segments.values()), frequency)
+
+
+def _segment(leaf: Any, fieldname: str) -> Segment:
+    key = (segment_name(leaf), fieldname)
+    postings = _postings.get(key)
+    if postings is None:
+        column = leaf.column_reader(fieldname, translate=False)
+        postings = _postings[key] = Postings.of(leaf.doc_count_all(), *column.all())
+    live = np.ones(leaf.doc_count_all(), dtype=np.bool_)
+    live[list(leaf.segment().deleted_docs())] = False
+    return Segment(postings, live)

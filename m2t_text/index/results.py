@@ -1,0 +1,50 @@
+"""What an index answers: hits, and summaries of what it holds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from m2t_text.config import Parameters
+from m2t_text.description.document import Document
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A map that a search found.
+
+    Attributes:
+        document: without its text, which ``MapIndex.document`` reads.
+        score: of the profile's matching; 0...1 if weighted.
+        matched: the sum over the words of min(|Q'_a|, |M'_a|) at the best turn.
+        turn: quarter turns of the query, counter-clockwise, that gave the score.
+    """
+
+    document: Document
+    score: float
+    matched: int
+    turn: int
+
+    @property
+    def map_id(self) -> str:
+        return self.document.map_id
+
+
+@dataclass(frozen=True)
+class DatasetSummary:
+    """Of one dataset: number of maps, number of scans up to the last one in a map, metres of travel."""
+
+    name: str
+    maps: int
+    scans: int
+    travel: float
+
+
+@dataclass(frozen=True)
+class IndexInfo:
+    """Of a whole index; `bytes` is all that its folder holds."""
+
+    path: Path
+    parameters: Parameters
+    maps: int
+    keypoints: int
+    bytes: int
+    datasets: list[DatasetSummary]

@@ -1,0 +1,126 @@
+"""Putting documents into an index: checked before Whoosh sees them, and merged so that segments stay few."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from whoosh.query import Term
+from whoosh.reading import SegmentReader
+
+from m2t_text.description.document import Document
+from m2t_text.description.text import WORDS, Text
+from m2t_text.errors import MapIndexError
+from m2t_text.index.schema import to_fields
+
+DEAD = 0.25  # share of deleted documents from which a segment is written anew
+
+
+class MapWriter:
+    """Collects changes to an index for one commit; ``MapIndex.writer`` makes one."""
+
+    def __init__(self, whoosh: Any, path: Path) -> None:
+        self._whoosh = whoosh
+        self._path = path
+        self._replaced: set[str] = set()
+        self.optimize = False
+
+    def replace(self, name: str, documents: Iterable[Document]) -> None:
+        """These documents instead of all that the dataset had.
+
+        Raises:
+            MapIndexError: if a document cannot be kept, or the dataset is replaced twice in one commit.
+        """
+        self.remove(name)
+        seen: set[int] = set()
+        for document in documents:
+            check(document, name)
+            if document.first_scan in seen:
+                raise MapIndexError(f"two maps have the id {document.map_id!r}")
+            seen.add(document.first_scan)
+            try:
+                self._whoosh.add_document(**to_fields(document))
+            except OSError as error:
+                raise refused(self._path, error) from error
+
+    def remove(self, name: str) -> None:
+        """Removes all maps of a dataset."""
+        if name in self._replaced:  # Whoosh cannot delete what is not committed yet
+            raise MapIndexError(f"dataset {name!r} is replaced twice in one commit")
+        self._replaced.add(name)
+        self._whoosh.delete_by_query(Term("dataset", name))
+
+    def commit(self) -> None:
+        """Makes all changes visible at once. A disk that refuses is a MapIndexError."""
+        try:
+            self._whoosh.commit(mergetype=merge_all if self.optimize else merge_small)
+        except OSError as error:
+            raise refused(self._path, error) from error
+
+
+def refused(path: Path, error: OSError) -> MapIndexError:
+    """What to tell when the disk refuses."""
+    return MapIndexError(f"cannot write to {path}: {error.strerror or error}")
+
+
+def check(document: Document, name: str) -> None:
+    """Raises MapIndexError unless the document can be stored and found: Whoosh does not survive an error in its
+    `add_document`, which leaves terms behind that stick to the next document."""
+    if document.dataset != name or not name or not name.isprintable():
+        raise MapIndexError(f"a map of dataset {document.dataset!r} cannot be put into dataset {name!r}")
+    scans = (document.first_scan, document.last_scan, document.points)
+    if not all(isinstance(number, int | np.integer) and 0 <= number < 2**62 for number in scans):
+        raise MapIndexError(f"a map of dataset {name!r} has broken scan numbers or points: {scans}")
+    parts = ((document.travel, 2), (document.pose, 3), (document.viewpoint, 3), (document.centre_of_gravity, 2))
+    for numbers, size in parts:
+        if np.shape(numbers) != (size,) or not np.isfinite(numbers).all():
+            raise MapIndexError(f"map {document.map_id!r} has numbers that are missing or not finite")
+    if not isinstance(document.text, Text) or not in_order(document.text):
+        raise MapIndexError(f"map {document.map_id!r} has no text of ordered words; make it with Text.of")
+
+
+def in_order(text: Text) -> bool:
+    """Whether a text is what `Text.of` makes."""
+    arrays = (text.wx, text.wy, text.wa)
+    same = all(array.dtype == np.int16 and array.shape == text.wa.shape for array in arrays)
+    return same and (
+        not len(text) or bool(text.wa[0] >= 0 and text.wa[-1] < WORDS and (np.diff(text.wa) >= 0).all())
+    )
+
+
+def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
+    """A merge policy of Whoosh: takes in every segment no larger than what is new, or with many deletions.
+
+    Each segment that stays is larger than all later ones together, so their number grows with the logarithm
+    of the maps, and so does the number of times that a map is copied.
+    """
+    fresh = writer.doc_count()
+    kept = []
+    for segment in sorted(segments, key=live):
+        if live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all():
+            fresh += live(segment)
+            _take_in(writer, segment)
+        else:
+            kept.append(segment)
+    return kept[::-1]
+
+
+def merge_all(writer: Any, segments: list[Any]) -> list[Any]:
+    """A merge policy of Whoosh: one segment without deletions."""
+    if len(segments) == 1 and not segments[0].has_deletions() and not writer.doc_count():
+        return segments
+    for segment in segments:
+        _take_in(writer, segment)
+    return []
+
+
+def _take_in(writer: Any, segment: Any) -> None:
+    if live(segment):
+        reader = SegmentReader(writer.storage, writer.schema, segment)
+        writer.add_reader(reader)
+        reader.close()
+
+
+def live(segment: Any) -> int:
+    """Number of documents of a segment that are not deleted."""
+    return int(segment.doc_count_all() - segment.deleted_count())

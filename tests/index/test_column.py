@@ -1,0 +1,88 @@
+"""Keypoints in a column: nothing is lost, and little is stored."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from map_oracle import random_text
+from whoosh.filedb.filestore import RamStorage
+
+from m2t_text.description.text import Text
+from m2t_text.errors import MapIndexError
+from m2t_text.index.column import KeypointColumn, pack_words, unpack_words
+
+narrow = st.integers(-130, 130)
+any_cell = st.integers(-32767, 32767) | st.sampled_from([-32767, -129, -128, -1, 0, 127, 128, 32767])
+words = st.integers(0, 1023) | st.sampled_from([0, 5, 1023])
+texts = st.one_of(st.lists(st.tuples(cells, cells, words), max_size=80) for cells in (narrow, any_cell)).map(
+    lambda rows: Text.of(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
+)
+
+
+def column_of(rows: dict[int, Text], documents: int) -> tuple[KeypointColumn.Reader, int]:
+    storage = RamStorage()
+    file = storage.create_file("column")
+    file.write(b"before")
+    writer = KeypointColumn().writer(file)
+    for document, text in rows.items():
+        writer.add(document, text)
+    writer.finish(documents)
+    file.close()
+    size = storage.file_length("column") - 6
+    return KeypointColumn().reader(storage.open_file("column"), 6, size, documents), size
+
+
+def same(one: Text, other: Text) -> bool:
+    pairs = [(one.wx, other.wx), (one.wy, other.wy), (one.wa, other.wa)]
+    return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
+
+
+@given(st.lists(texts, max_size=6))
+def test_texts_come_back_exactly(rows):
+    reader, _ = column_of(dict(enumerate(rows)), len(rows))
+    assert all(same(text, row) for text, row in zip(reader, rows, strict=True))
+    document, text = reader.all()
+    for number, row in enumerate(rows):
+        of_row = document == number
+        assert same(Text(text.wx[of_row], text.wy[of_row], text.wa[of_row]), row)
+    assert reader.counts().tolist() == [len(row) for row in rows]
+
+
+@given(texts)
+def test_what_the_reader_gives_the_writer_takes(text):
+    first, _ = column_of({0: text}, 1)
+    second, _ = column_of({0: first[0]}, 1)
+    assert same(second[0], text)
+
+
+def test_documents_without_a_text_have_an_empty_one():
+    text = random_text(np.random.default_rng(0), 9)
+    reader, _ = column_of({1: text, 4: text}, 7)
+    assert [len(row) for row in reader] == [0, 9, 0, 0, 9, 0, 0]
+    assert same(reader[4], text)
+
+
+@given(st.lists(st.integers(0, 3), max_size=300))
+def test_long_runs_of_words(values):
+    wa = np.array(sorted(values), dtype=np.int16)
+    assert np.array_equal(unpack_words(pack_words(wa)), wa)
+
+
+def test_a_keypoint_takes_less_than_three_bytes():
+    rng = np.random.default_rng(1)
+    rows = {n: random_text(rng, 330, span=100, words=60) for n in range(50)}
+    _, size = column_of(rows, 50)
+    assert size / (50 * 330) < 3
+
+
+@pytest.mark.parametrize("documents, cut", [(1, 1), (2, 0)])
+def test_damage_is_noticed(documents, cut):
+    storage = RamStorage()
+    file = storage.create_file("column")
+    writer = KeypointColumn().writer(file)
+    writer.add(0, random_text(np.random.default_rng(0), 9))
+    writer.finish(1)
+    file.close()
+    size = storage.file_length("column")
+    with pytest.raises(MapIndexError, match="damaged"):
+        KeypointColumn().reader(storage.open_file("column"), 0, size - cut, documents)

@@ -1,0 +1,100 @@
+"""The lines of a plain or gzipped file that may be damaged, one at a time, and an account of the damage."""
+
+import gzip
+import stat
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from m2t_text.errors import LogError
+
+LINE_LIMIT = 1 << 20  # bytes; the longest honest line, 361 readings and their remissions, has about 4 kB
+GIVE_UP = 1 << 26  # bytes without an end of line: no log, however long we read on
+PROGRESS_STEP = 256  # lines between two calls of progress
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass
+class Damage:
+    """What was skipped: for each kind, how many times and on which line first."""
+
+    kinds: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    def add(self, kind: str, line: int) -> None:
+        """Count one more damage of a kind."""
+        count, first = self.kinds.get(kind, (0, line))
+        self.kinds[kind] = (count + 1, first)
+
+    def report(self) -> tuple[str, ...]:
+        """One line for each kind."""
+        return tuple(
+            f"{kind}: line {first}" if count == 1 else f"{kind}: {count} lines, the first is line {first}"
+            for kind, (count, first) in self.kinds.items()
+        )
+
+
+def shown(path: Path) -> str:
+    """The path as it can stand in a one-line message."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
+
+
+def read_lines(
+    path: Path, damage: Damage, progress: Progress | None = None
+) -> Iterator[tuple[int, bytes, bool]]:
+    """Yield (number from 1, text, whether its end of line is there). Gzip is told by its first two bytes.
+
+    Memory is bounded whatever the file holds. Too long lines and a broken gzip are added to ``damage``.
+    Raises LogError if the file cannot be opened or read.
+    """
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise LogError(f"{shown(path)} is a directory: name a log file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise LogError(f"{shown(path)} is not a regular file: save the log to a file first")
+        if status.st_size == 0:
+            raise LogError(f"{shown(path)} is empty: fetch or record the log again")
+        with path.open("rb") as raw:
+            zipped = raw.read(2) == b"\x1f\x8b"
+            raw.seek(0)
+            stream = gzip.GzipFile(fileobj=raw) if zipped else raw
+            for number, text, whole in _bounded_lines(path, stream, damage):
+                yield number, text, whole
+                if progress and number % PROGRESS_STEP == 0:
+                    progress(raw.tell(), status.st_size)
+            if progress:
+                progress(status.st_size, status.st_size)
+    except FileNotFoundError as error:
+        raise LogError(f"{shown(path)} does not exist: check the path") from error
+    except PermissionError as error:
+        raise LogError(f"{shown(path)} may not be read: check its permissions") from error
+    except (OSError, ValueError) as error:
+        raise LogError(f"{shown(path)} cannot be read: {error}") from error
+
+
+def _bounded_lines(
+    path: Path, stream: BinaryIO | gzip.GzipFile, damage: Damage
+) -> Iterator[tuple[int, bytes, bool]]:
+    number, length = 0, 0  # length of the too long line that is being skipped, else 0
+    while True:
+        try:
+            text = stream.readline(LINE_LIMIT)
+        except (EOFError, gzip.BadGzipFile, zlib.error):
+            damage.add("the gzip data is cut off or corrupt, the rest was not read", number + 1)
+            return
+        if not text:
+            return
+        whole = text.endswith(b"\n")
+        number += length == 0
+        if length == 0 and (whole or len(text) < LINE_LIMIT):
+            yield number, text, whole
+            continue
+        if length == 0:
+            damage.add(f"longer than {LINE_LIMIT} bytes", number)
+        length = 0 if whole else length + len(text)
+        if length >= GIVE_UP:
+            raise LogError(f"{shown(path)}:{number}: the line does not end: this is not a laser log")

@@ -24,7 +24,7 @@ THIN = 0.05  # m; neighbouring points nearer than this are one
 NORMAL_REACH = 0.35  # m; largest gap between neighbours on one wall
 KEY_STEP = (0.3, np.radians(20.0))  # m and rad from the last key scan to the next
 REFERENCE = (4.0, 2, 8)  # m of travel looked back, least and greatest number of key scans
-WORTH_A_SEARCH = (0.15, 0.1)  # m and rad of motion below which odometry is near enough for ICP alone
+WORTH_A_SEARCH = (0.05, 0.03)  # m and rad of motion below which odometry is near enough for ICP alone
 SEARCH_SIGMAS = 2.5  # half-width of the search, in standard deviations of the prediction
 
 
@@ -100,10 +100,10 @@ def _far(a: Floats, b: Floats) -> bool:
 def _correction(reference: list[_Cloud], cloud: _Cloud, motion: Floats) -> Floats:
     """What scan matching adds to a pose that odometry predicts, in the predicted frame."""
     distance, turn = float(np.hypot(*motion[:2])), abs(float(motion[2]))
-    # A common wheel odometry's errors: slip in proportion to the way, and heading errors from both.
-    sigma = np.array([0.03 + 0.12 * distance, 0.01 + 0.12 * turn + 0.03 * distance])
+    # A bad wheel odometry's errors: slip in proportion to the way, and heading errors from both.
+    sigma = np.array([0.05 + 0.2 * distance, 0.03 + 0.3 * turn + 0.1 * distance])
     search = distance > WORTH_A_SEARCH[0] or turn > WORTH_A_SEARCH[1]
     window = SEARCH_SIGMAS * sigma if search else np.zeros(2)
     points = np.concatenate([part.points for part in reference])
     point_normals = np.concatenate([part.normals for part in reference])
-    return register(points, point_normals, cloud.points, window[0], window[1], sigma)
+    return register(points, point_normals, cloud.points, window[0], window[1], sigma)[0]

@@ -17,3 +17,23 @@ def radish() -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return RADISH
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of a short simulated drive, ``drive.log``."""
+    from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+
+    path = tmp_path_factory.mktemp("logs") / "drive.log"
+    write_carmen(simulate(Simulation(seed=3, length=24.0, travel=40.0)), path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an index of that drive; not to be changed."""
+    from m2t_text.indexing import Request, index_sources
+
+    path = tmp_path_factory.mktemp("indexes") / "drive"
+    index_sources(Request([simulated], path))
+    return path

@@ -8,6 +8,9 @@ Floats = NDArray[np.float64]
 
 BIN = 0.1  # m; width of a bin of the projections
 COARSE, FINE = 45, 16  # directions tried over a quarter turn, then between the neighbours of the best
+DEGREES = 90  # directions over a quarter turn at which other likely ones are looked for
+SEPARATE = np.radians(10.0)  # between two likely directions
+DEPTH = 1.0  # nats by which a likely direction's entropy may exceed the least
 
 
 @njit(cache=True, nogil=True)
@@ -80,3 +83,24 @@ def plan_viewpoint(points: Floats, trajectory: Floats, on_trajectory: bool) -> t
     direction = dominant_direction(points)
     direction += quarter * np.round((nearest[2] - direction) / quarter)
     return np.array([*place, (direction + np.pi) % (2 * np.pi) - np.pi]), centre
+
+
+def likely_directions(positions: Floats, most: int) -> list[float]:
+    """Directions in [0, pi/2) along which a map's walls may be seen, the planned one (0) first.
+
+    The others are the local minima of the entropy, the deepest first, at least SEPARATE away from each other.
+
+    Args:
+        positions: (N, 2) keypoints in cells, in the map's own frame.
+        most: number of directions at most, the planned one included.
+    """
+    chosen = [0.0]
+    if most > 1 and len(positions) > 1:
+        angles = np.arange(DEGREES) * (np.pi / 2 / DEGREES)
+        entropy = np.array([projection_entropy(positions * BIN, angle) for angle in angles])
+        lows = np.flatnonzero((entropy <= np.roll(entropy, 1)) & (entropy <= np.roll(entropy, -1)))
+        for k in lows[np.argsort(entropy[lows], kind="stable")]:
+            away = [abs((angles[k] - other + np.pi / 4) % (np.pi / 2) - np.pi / 4) for other in chosen]
+            if min(away) >= SEPARATE and entropy[k] - entropy.min() < DEPTH and len(chosen) < most:
+                chosen.append(float(angles[k]))
+    return chosen

@@ -1,0 +1,149 @@
+"""What the commands answer, as objects that are printed, saved as JSON and compared."""
+
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.config import MappingParameters
+from m2t_text.errors import QueryError
+from m2t_text.index.results import Hit, IndexInfo
+from m2t_text.index.store import MapIndex
+from m2t_text.queries import Context, Query, resolve
+
+Verdict = Literal["match", "ambiguous", "none"]
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How to search.
+
+    Attributes:
+        top: number of results; 0 for every map.
+        exclude_travel: metres; None to exclude nothing.
+        verify: whether the best hits are aligned and judged.
+    """
+
+    top: int = 10
+    exclude_travel: float | None = None
+    verify: bool = True
+
+
+@dataclass(frozen=True)
+class Result:
+    """One hit. ``pose`` (3,) is the query's first-scan robot frame in the hit's; None if not verified."""
+
+    hit: Hit
+    pose: NDArray[np.float64] | None = None
+    inlier_ratio: float | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search found, and how long its steps took in seconds."""
+
+    query: Query
+    index: MapIndex
+    results: list[Result]
+    verdict: Verdict
+    describe_seconds: float
+    search_seconds: float
+    verify_seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of ``search --json``."""
+        origin = self.query.document
+        return {
+            "query": {
+                "map_id": origin.map_id if origin else None,
+                "dataset": origin.dataset if origin else None,
+                "first_scan": origin.first_scan if origin else None,
+                "last_scan": origin.last_scan if origin else None,
+                "keypoints": len(self.query.text),
+            },
+            "index": {
+                "path": str(self.index.path),
+                "maps": len(self.index),
+                "profile": self.index.parameters.profile,
+            },
+            "seconds": {
+                "describe": self.describe_seconds,
+                "search": self.search_seconds,
+                "verify": self.verify_seconds,
+            },
+            "verdict": self.verdict,
+            "results": [_result(rank, result) for rank, result in enumerate(self.results, start=1)],
+        }
+
+
+def _result(rank: int, result: Result) -> dict[str, Any]:
+    document = result.hit.document
+    return {
+        "rank": rank,
+        "map_id": document.map_id,
+        "dataset": document.dataset,
+        "first_scan": document.first_scan,
+        "last_scan": document.last_scan,
+        "travel": document.travel.tolist(),
+        "score": result.hit.score,
+        "matched": result.hit.matched,
+        "pose": None if result.pose is None else result.pose.tolist(),
+        "inlier_ratio": result.inlier_ratio,
+    }
+
+
+def search(target: str, index: MapIndex, options: SearchOptions, name: str | None = None) -> Answer:
+    """Finds the maps of the index that show what ``target`` names; ``name`` is its dataset, if it is a log.
+
+    Raises:
+        QueryError, LogError, TextError: if it names nothing that can be searched.
+    """
+    begin = perf_counter()
+    query = resolve(target, Context(index.parameters, index, name))
+    if not len(query.text):
+        raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
+    described = perf_counter() - begin
+    index.model()  # loads the compiled code, which is no part of any one search
+    begin = perf_counter()
+    hits = index.search(query.text, options.top, query.excluding(options.exclude_travel))
+    searched = perf_counter() - begin
+    begin = perf_counter()
+    results, verdict = _judged(hits)
+    return Answer(query, index, results, verdict, described, searched, perf_counter() - begin)
+
+
+def _judged(hits: list[Hit]) -> tuple[list[Result], Verdict]:
+    """The place where verification goes. Scores alone do not tell a place from one that looks like it."""
+    return [Result(hit) for hit in hits], "ambiguous" if any(hit.score > 0 for hit in hits) else "none"
+
+
+def inspection(query: Query) -> dict[str, Any]:
+    """The document of ``inspect --json``. A text alone is its own map, seen from its viewpoint."""
+    text, document = query.text, query.document
+    cell = MappingParameters().cell
+    centre = text.positions().mean(axis=0) * cell if document is None else document.centre_of_gravity
+    return {
+        "map_id": document.map_id if document else None,
+        "text": str(text),
+        "keypoints": len(text),
+        "words": text.words,
+        "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
+        "centre_of_gravity": centre.tolist(),
+        "points": document.points if document else len(text),
+        "travel": document.travel.tolist() if document else None,
+    }
+
+
+def summary(info: IndexInfo) -> dict[str, Any]:
+    """The document of ``info --json``."""
+    return {
+        "path": str(info.path),
+        "profile": info.parameters.profile,
+        "parameters": asdict(info.parameters),
+        "maps": info.maps,
+        "keypoints": info.keypoints,
+        "bytes": info.bytes,
+        "datasets": [asdict(dataset) for dataset in info.datasets],
+    }

@@ -1,0 +1,44 @@
+"""All commands as one program."""
+
+from typing import Annotated
+
+import typer
+
+from m2t_text import __version__
+from m2t_text.cli.finding import info, inspect, search
+from m2t_text.cli.making import demo, index, simulate
+
+app = typer.Typer(
+    name="m2t-text",
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (demo, simulate, index, search, inspect, info):
+    app.command()(command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"m2t-text {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Find a place again: 2D laser maps as text documents in a full-text index.
+
+    \b
+    m2t-text demo                 see it work, without any data
+    m2t-text index robot.log      index your log
+    m2t-text search robot.log@35  what looks like the place after 35 m
+    m2t-text COMMAND --help       examples for each command
+    """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())

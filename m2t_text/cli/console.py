@@ -1,0 +1,97 @@
+"""What reaches the terminal: results on standard output, everything else on standard error."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from m2t_text.indexing import Progress
+
+WIDE = 160  # columns of a table that no terminal shows
+STAGES = {"scans": "matching scans", "maps": "describing maps"}
+REFRESH = 0.1  # s between two states of a progress bar
+
+
+def clean(text: str) -> str:
+    """The text in one line, with control characters spelled out: a name must not command the terminal."""
+    spelled = (c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(spelled)
+
+
+def complain(message: str, code: int) -> int:
+    """One line on standard error; returns the exit status."""
+    print(f"m2t-text: {clean(' '.join(message.split()))}", file=sys.stderr)
+    return code
+
+
+def note(message: str) -> None:
+    """One line on standard error that is no error."""
+    print(clean(message), file=sys.stderr)
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """One JSON document on standard output and nothing else."""
+    print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def print_table(title: str, columns: dict[str, str], rows: list[list[str]]) -> None:
+    """A title and a table on standard output; ``columns`` gives the side to which each is aligned."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for name, side in columns.items():
+        table.add_column(name, justify="left" if side == "left" else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(clean(cell)) for cell in row))
+    console = _console()
+    console.print(Text(clean(title), style="bold"))
+    console.print(table)
+
+
+def print_lines(*lines: str) -> None:
+    """Plain lines on standard output."""
+    print("\n".join(clean(line) for line in lines))
+
+
+@contextmanager
+def bars() -> Iterator["Progress"]:
+    """Progress bars on standard error, if it is a terminal: call it with (what, stage, done, all).
+
+    They are drawn when told to, without a thread of their own: processes are forked while they show.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = _console(stderr=True)
+    if not console.is_terminal:
+        yield lambda what, stage, done, of: None
+        return
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
+    shown: dict[str, Any] = {}
+    drawn = 0.0
+    with Progress(*columns, console=console, auto_refresh=False, transient=True) as progress:
+
+        def tell(what: str, stage: str, done: int, of: int) -> None:
+            nonlocal drawn
+            label = clean(f"{what}: {STAGES.get(stage, stage)}")
+            if label not in shown:
+                shown[label] = progress.add_task(label)
+            progress.update(shown[label], completed=done, total=of)
+            if done >= of or monotonic() - drawn > REFRESH:
+                progress.refresh()
+                drawn = monotonic()
+
+        yield tell
+
+
+def _console(stderr: bool = False) -> "Console":
+    from rich.console import Console
+
+    console = Console(stderr=stderr, highlight=False)
+    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=WIDE)

@@ -1,0 +1,167 @@
+"""Commands that read an index: search, inspect, info."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from m2t_text.cli.console import note, print_json, print_lines, print_table
+
+if TYPE_CHECKING:
+    from m2t_text.answers import Answer
+    from m2t_text.index.store import MapIndex
+
+DEFAULT_INDEX = Path("indexes/default")
+
+IndexOption = Annotated[
+    Path, typer.Option("--index", metavar="DIR", envvar="M2T_INDEX", help="The folder of the index.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+PlotOption = Annotated[
+    Path | None, typer.Option("--plot", metavar="FILE", help="Draw a picture: .png, .pdf or .svg.")
+]
+LogNameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--name", metavar="NAME", help="The dataset that the log is in the index, if not its file's name."
+    ),
+]
+TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
+
+
+def search(
+    query: Annotated[str, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False)],
+    index: IndexOption = DEFAULT_INDEX,
+    top: Annotated[int, typer.Option(min=0, metavar="K", help="Number of results; 0 for every map.")] = 10,
+    exclude_travel: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, metavar="METRES", help="Leave out maps of the same drive within these metres of travel."
+        ),
+    ] = None,
+    no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
+    name: LogNameOption = None,
+    as_json: JsonOption = False,
+    plot: PlotOption = None,
+) -> None:
+    """Find the maps of the index that show the same place as QUERY.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text search robot/000123                       a map of the index
+    m2t-text search robot/000123 --exclude-travel 10   on other visits only
+    m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
+    m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
+    m2t-text inspect robot/000123 | m2t-text search -  a text
+    """
+    from m2t_text.answers import SearchOptions
+    from m2t_text.answers import search as find
+    from m2t_text.index.store import MapIndex
+
+    _check(plot)
+    options = SearchOptions(top, exclude_travel, not no_verify)
+    answer = find(query, MapIndex.open(index), options, name)
+    if plot is not None:
+        _draw(answer, plot)
+    if as_json:
+        print_json(answer.to_json())
+    else:
+        _print_answer(answer)
+
+
+def inspect(
+    target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
+    index: IndexOption = DEFAULT_INDEX,
+    name: LogNameOption = None,
+    as_json: JsonOption = False,
+    plot: PlotOption = None,
+) -> None:
+    """Print the text that describes a map.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text inspect robot/000123                   its text
+    m2t-text inspect robot/000123 --json            with viewpoint and travel
+    m2t-text inspect robot.log@12.5 --plot map.png  drawn, straight from a log
+    m2t-text inspect robot.log#40 > place.txt       to search for it later
+    """
+    from m2t_text.answers import inspection
+    from m2t_text.config import PROFILES
+    from m2t_text.queries import Context, resolve
+
+    _check(plot)
+    opened = _if_any(index)
+    found = resolve(target, Context(opened.parameters if opened else PROFILES["default"], opened, name))
+    if plot is not None:
+        from m2t_text.plots import plot_document
+
+        plot_document(found.text, found.document, plot)
+        note(f"drew {plot}")
+    if as_json:
+        print_json(inspection(found))
+    else:
+        print(found.text)
+
+
+def info(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> None:
+    """Say what an index holds.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text info
+    m2t-text info --index indexes/office --json
+    """
+    from m2t_text.answers import summary
+    from m2t_text.index.store import MapIndex
+
+    held = MapIndex.open(index).info()
+    if as_json:
+        print_json(summary(held))
+        return
+    rows = [[d.name, f"{d.maps:,}", f"{d.scans:,}", f"{d.travel:,.1f}"] for d in held.datasets]
+    title = f"{held.path}: {held.maps:,} maps, {held.keypoints:,} keypoints, {held.bytes / 1e6:.2f} MB"
+    columns = {"dataset": "left", "maps": "right", "scans": "right", "travel (m)": "right"}
+    print_table(f"{title}, profile {held.parameters.profile}", columns, rows)
+
+
+def _print_answer(answer: "Answer") -> None:
+    rows = []
+    for rank, result in enumerate(answer.results, start=1):
+        document, hit = result.hit.document, result.hit
+        begin, end = document.travel
+        scans = f"{document.first_scan}–{document.last_scan}"
+        rows.append(
+            [str(rank), hit.map_id, f"{hit.score:.4g}", str(hit.matched), f"{begin:.2f}–{end:.2f}", scans]
+        )
+    title = f"{answer.query.title}: {len(answer.query.text)} keypoints"
+    columns = {"#": "right", "map": "left", "score": "right", "matched": "right"}
+    print_table(title, columns | {"travel (m)": "right", "scans": "right"}, rows)
+    seconds = f"described in {answer.describe_seconds:.2f} s, searched in {answer.search_seconds:.2f} s"
+    index = answer.index
+    print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
+
+
+def _draw(answer: "Answer", path: Path) -> None:
+    from m2t_text.plots import PANELS, plot_match
+
+    found = [(r.hit, answer.index.document(r.hit.map_id).text) for r in answer.results[:PANELS]]
+    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.window, path)
+    note(f"drew {path}")
+
+
+def _check(plot: Path | None) -> None:
+    """Before the work, that a picture can be written."""
+    if plot is not None:
+        from m2t_text.plots import check_picture
+
+        check_picture(plot)
+
+
+def _if_any(index: Path) -> "MapIndex | None":
+    """The index; None if it is the default one and was not made yet."""
+    from m2t_text.index.store import MapIndex
+
+    return None if index == DEFAULT_INDEX and not index.exists() else MapIndex.open(index)

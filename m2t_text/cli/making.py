@@ -1,0 +1,142 @@
+"""Commands that write: demo, simulate, index."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from m2t_text.cli.console import bars, complain, note, print_lines, print_table
+from m2t_text.cli.finding import DEFAULT_INDEX, IndexOption
+from m2t_text.config import PROFILES
+from m2t_text.errors import M2TError
+
+JobsOption = Annotated[
+    int | None, typer.Option(min=1, metavar="N", help="Processes that describe maps.", show_default="all cores")
+]
+SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="Another seed, another building.")]
+
+
+def demo(
+    folder: Annotated[Path, typer.Option(metavar="DIR", help="Where logs, index and pictures go.")] = Path(
+        "demo"
+    ),
+    seed: SeedOption = 1,
+    jobs: JobsOption = None,
+) -> None:
+    """See it work without any data: a simulated building, indexed, and found again on a later visit.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text demo
+    m2t-text demo --seed 7 --folder another
+    """
+    from m2t_text.demo import run_demo
+
+    with bars() as progress:
+        report = run_demo(folder, seed, _cores(jobs), progress)
+    print_lines(*report.lines())
+
+
+def simulate(
+    out: Annotated[Path, typer.Argument(metavar="OUT.log", help="The file to write; .gz is packed.")],
+    seed: SeedOption = 0,
+    travel: Annotated[
+        float, typer.Option(min=3.0, max=1000.0, metavar="METRES", help="Length of the drive.")
+    ] = 180.0,
+    length: Annotated[
+        float, typer.Option(min=24.0, max=200.0, metavar="METRES", help="Length of the building.")
+    ] = 44.0,
+) -> None:
+    """Write the laser log of a drive through a simulated building, in CARMEN's format.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text simulate office.log
+    m2t-text simulate office.log.gz --seed 3 --travel 90
+    """
+    from m2t_text.logs.simulator import Simulation, write_carmen
+    from m2t_text.logs.simulator import simulate as drive
+
+    if not out.parent.is_dir() or out.is_dir():
+        raise M2TError(f"cannot write {str(out)!r}: name a file in a folder that exists")
+    with bars() as progress:
+        progress(out.name, "simulating", 0, 1)
+        log = drive(Simulation(seed=seed, travel=travel, length=length))
+    write_carmen(log, out)
+    note(f"wrote {out}: {len(log.scans):,} scans; go on with: m2t-text index {out}")
+
+
+def index(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="SOURCE...", help="Laser logs: CARMEN .log, .clf, .gz.")
+    ],
+    index: IndexOption = DEFAULT_INDEX,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help=f"Parameters of a new index: {', '.join(PROFILES)}.",
+            show_default="that of the index, or default",
+            autocompletion=lambda: list(PROFILES),
+        ),
+    ] = None,
+    jobs: JobsOption = None,
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The dataset's name.", show_default="the file's name")
+    ] = None,
+) -> None:
+    """Describe every local map of laser logs as text, and put the texts into an index.
+
+    A dataset that the index already holds is replaced. All sources are committed together at the end.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text index robot.log
+    m2t-text index monday.log tuesday.log.gz --index indexes/office
+    m2t-text index robot.log --index indexes/paper --profile paper
+    """
+    from m2t_text.index.store import MapIndex
+    from m2t_text.indexing import Request, index_sources
+
+    with bars() as progress:
+        report = index_sources(Request(sources, index, profile, _cores(jobs), name), progress)
+    for dataset in report.indexed:
+        for warning in dataset.warnings:
+            note(f"warning: {dataset.name}: {warning}")
+    if report.indexed:
+        held = MapIndex.open(index).info()
+        maps = {summary.name: summary for summary in held.datasets}
+        rows = [
+            [
+                d.name,
+                f"{d.scans:,}",
+                f"{maps[d.name].maps:,}",
+                f"{maps[d.name].travel:,.1f}",
+                f"{d.seconds:.1f}",
+            ]
+            for d in report.indexed
+        ]
+        columns = {
+            "dataset": "left",
+            "scans": "right",
+            "maps": "right",
+            "travel (m)": "right",
+            "seconds": "right",
+        }
+        print_table(f"indexed into {held.path}", columns, rows)
+        profile = held.parameters.profile
+        print_lines(f"{held.path} holds {held.maps:,} maps in {held.bytes / 1e6:.2f} MB, profile {profile}")
+    for line in report.failed:
+        complain(line, 2)
+    if report.failed:
+        raise typer.Exit(2)
+
+
+def _cores(jobs: int | None) -> int:
+    """As many processes as asked for, else as there are cores for this one."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return jobs or (len(affinity(0)) if affinity else os.cpu_count() or 1)

@@ -1,0 +1,147 @@
+"""The demonstration: two drives through a simulated building, one indexed, the other looked up in it."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from m2t_text.answers import Answer, SearchOptions, search
+from m2t_text.description.document import Document
+from m2t_text.errors import M2TError
+from m2t_text.geometry import transform
+from m2t_text.index.store import MapIndex
+from m2t_text.indexing import Progress, Request, index_sources
+from m2t_text.logs import Log, read_log
+from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.mapping.trajectory import scan_points
+from m2t_text.pipeline import describe_log
+from m2t_text.plots import Floats, Visit, plot_match, plot_overview
+
+TRAVEL = 120.0  # m; once round the building and back through its middle
+STEPS = (0.2, 0.23)  # m between scans on either drive, so that no scan repeats another
+APART = 2.0  # m of travel between two queries
+KNOWN = 1.0  # m; a place was visited before if a map of the first drive lies so near
+RIGHT = 3.0  # m; a hit is right if it lies so near
+SHOWN = 2  # hits in the picture
+WALL_RANGE, WALL_CELL = 10.0, 0.06  # m; which hits are drawn, and how far apart
+
+
+@dataclass(frozen=True)
+class DemoReport:
+    """What the demonstration did.
+
+    Attributes:
+        folder: holds both logs, the index and the pictures.
+        scans: of both drives.
+        maps: in the index.
+        visits: the places looked up, and what was found.
+        best: one search, the one that is drawn.
+        seconds: for one search, on average.
+    """
+
+    folder: Path
+    scans: tuple[int, int]
+    maps: int
+    visits: list[Visit]
+    best: Answer
+    seconds: float
+
+    def lines(self) -> list[str]:
+        """What to print: what was done, and how to go on."""
+        folder, right = self.folder, sum(visit.right for visit in self.visits)
+        assert self.best.query.document is not None
+        query, hit = self.best.query.document, self.best.results[0].hit
+        return [
+            f"Drove twice through a simulated building: {self.scans[0]} and {self.scans[1]} laser scans.",
+            f"Indexed the first drive: {self.maps} local maps as text in {folder}/index.",
+            f"Looked up a place of the second drive every {APART:g} m: "
+            f"{right} of {len(self.visits)} found within {RIGHT:g} m, {1000 * self.seconds:.0f} ms each.",
+            f"Drew {folder}/overview.png (all of them) and {folder}/match.png (one of them).",
+            "",
+            "Go on with",
+            f"  m2t-text search {folder}/second-visit.log#{query.first_scan} --index {folder}/index",
+            f"  m2t-text inspect {hit.map_id} --index {folder}/index",
+            f"  m2t-text info --index {folder}/index",
+            "  m2t-text index YOUR.log && m2t-text search YOUR.log@35 --exclude-travel 10",
+        ]
+
+
+def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoReport:
+    """Simulates, indexes, searches and draws, all in one folder; what an earlier run left is replaced.
+
+    Raises:
+        M2TError: if the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise M2TError(f"cannot make the folder {str(folder)!r}: {error.strerror or error}") from error
+    first, second = _drives(folder, seed, progress)
+    index_sources(Request([folder / f"{first.name}.log"], folder / "index", jobs=jobs), progress)
+    index = MapIndex.open(folder / "index")
+    queries = list(_apart(describe_log(second, index.parameters, jobs, partial(progress, second.name))))
+    index.search(queries[0].text)  # the first search of a process loads the compiled code; it is not timed
+    begin = perf_counter()
+    found = [index.search(query.text, 1)[0].document for query in queries]
+    seconds = (perf_counter() - begin) / len(queries)
+    known = np.array([_place(first, document) for document in index.documents(first.name)])
+    looked_up = [(_place(second, query), _place(first, hit)) for query, hit in zip(queries, found, strict=True)]
+    visits = [
+        Visit(query, hit, _near(query, hit[None], RIGHT))
+        for query, hit in looked_up
+        if _near(query, known, KNOWN)
+    ]
+    plot_overview(_walls(first), _way(first), _way(second), visits, folder / "overview.png")
+    best = search(f"{folder}/{second.name}.log#{queries[len(queries) // 2].first_scan}", index, SearchOptions())
+    shown = [(result.hit, index.document(result.hit.map_id).text) for result in best.results[:SHOWN]]
+    plot_match(best.query.text, best.query.title, shown, index.parameters.matching.window, folder / "match.png")
+    return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, best, seconds)
+
+
+def _drives(folder: Path, seed: int, progress: Progress) -> tuple[Log, Log]:
+    """Both logs, as they are read back from the files that they were written to."""
+    logs = []
+    for name, step in zip(("first-visit", "second-visit"), STEPS, strict=True):
+        path = folder / f"{name}.log"
+        progress(name, "simulating", 0, 1)
+        write_carmen(simulate(Simulation(seed=seed, travel=TRAVEL, step=step)), path)
+        progress(name, "simulating", 1, 1)
+        logs.append(read_log(path))
+    return logs[0], logs[1]
+
+
+def _apart(documents: Iterable[Document]) -> Iterator[Document]:
+    """Documents that begin at least APART metres of travel one after the other."""
+    after = 0.0
+    for document in documents:
+        if document.travel[0] >= after:
+            after = document.travel[0] + APART
+            yield document
+
+
+def _place(log: Log, document: Document) -> Floats:
+    """(2,) where a map's centre of gravity truly lies: the ground truth judges, it does not describe."""
+    assert log.ground_truth is not None
+    return transform(log.ground_truth[document.first_scan], document.centre_of_gravity[None])[0]
+
+
+def _near(place: Floats, others: Floats, metres: float) -> bool:
+    return bool(np.hypot(*(others - place).T).min() <= metres)
+
+
+def _way(log: Log) -> Floats:
+    assert log.ground_truth is not None
+    return log.ground_truth[:, :2]
+
+
+def _walls(log: Log) -> Floats:
+    """(N, 2) all that the laser hit, thinned to one point a cell."""
+    assert log.ground_truth is not None
+    hits = [
+        transform(pose, scan_points(scan, log.laser_pose, WALL_RANGE))
+        for pose, scan in zip(log.ground_truth, log.scans, strict=True)
+    ]
+    return np.unique(np.round(np.concatenate(hits) / WALL_CELL), axis=0) * WALL_CELL

@@ -1,0 +1,177 @@
+"""How far a query and each map agree on one offset of their viewpoints, compiled.
+
+The paper keeps a match when the pose words differ by at most 1 m (IV-D, eqs. 2, 3), each on its own. Here
+all matches of a map must agree: two keypoints with the same word vote for the offset between them, the
+offset with most votes wins, and the histogram intersection is then taken at that offset, with a window of
+one cell instead of ten, over all keypoints of both maps.
+"""
+
+from typing import Any
+
+import numba
+import numpy as np
+
+WORDS = 1024
+SPREAD = 1  # cells; votes this far apart in x and y are counted together
+NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
+REFINE = 1  # cells about the offset with most votes in which the best overlap is looked for
+CANDIDATES = 4  # views whose overlap is measured: those with most votes
+WORTH = 0.5  # of the votes of the best view, below which a view is not measured
+
+
+@numba.njit(cache=True, nogil=True)
+def _by_word(wx: Any, wa: Any, half: Any, slots: Any, used: Any, first: Any, order: Any) -> None:
+    """Sorts a view's keypoints by (word, x): those of word slot s with x' < x are order[...first[s, x]]."""
+    side = 2 * half
+    key = slots[wa] * side + wx + half
+    order[:] = np.argsort(key, kind="mergesort")
+    place = 0
+    for slot in range(used):
+        for x in range(side + 1):
+            while place < len(order) and key[order[place]] < slot * side + x:
+                place += 1
+            first[slot, x] = place
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _mark(grid: Any, x: Any, y: Any, half: Any, value: Any) -> None:
+    """Sets the cells near (x, y); those outside the grid are left out."""
+    for i in range(max(x + half - NEAR, 0), min(x + half + NEAR + 1, 2 * half)):
+        for j in range(max(y + half - NEAR, 0), min(y + half + NEAR + 1, 2 * half)):
+            grid[i, j] = value
+
+
+@numba.njit(cache=True, nogil=True)
+def _covered(xs: Any, ys: Any, begin: Any, end: Any, dx: Any, dy: Any, half: Any, grid: Any) -> Any:
+    """How many of the keypoints begin..end, moved by (dx, dy), lie in set cells."""
+    count = 0
+    for k in range(begin, end):
+        x, y = xs[k] + dx + half, ys[k] + dy + half
+        if 0 <= x < 2 * half and 0 <= y < 2 * half:
+            count += grid[x, y]
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def _vote(
+    wx: Any, wy: Any, wa: Any, begin: Any, end: Any, slots: Any, first: Any, flat: Any,
+    half: Any, window: Any, votes: Any,
+) -> None:  # fmt: skip
+    """votes[offset in x, offset in y] of one map's keypoints and one view's; see `_by_word` and `agree`."""
+    votes[:] = 0
+    side = 2 * half
+    width = 2 * side
+    for k in range(begin, end):
+        slot, x, y = slots[wa[k]], wx[k] + half, wy[k] + half
+        if slot >= 0 and -window <= x < side + window and 0 <= y < side:
+            base = (x + window) * width + y + side
+            for i in range(first[slot, max(x - window, 0)], first[slot, min(x + window + 1, side)]):
+                votes[base - flat[i]] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _peak(votes: Any, window: Any, width: Any, rows: Any) -> Any:
+    """The offset with most votes near it, as (votes, x, y); the smallest of equals."""
+    size, reach = 2 * window + 1, 2 * SPREAD + 1
+    middle = width // 2 - window
+    for r in range(size):
+        total = 0
+        for c in range(size + SPREAD):
+            if c < size:
+                total += votes[r * width + middle + c]
+            if c >= reach:
+                total -= votes[r * width + middle + c - reach]
+            if c >= SPREAD:
+                rows[r, c - SPREAD] = total
+    best, x, y = 0, 0, 0
+    for r in range(size):
+        for c in range(size):
+            total = 0
+            for k in range(max(r - SPREAD, 0), min(r + SPREAD + 1, size)):
+                total += rows[k, c]
+            if total > best:
+                best, x, y = total, r - window, c - window
+    return best, x, y
+
+
+@numba.njit(cache=True, nogil=True)
+def _overlap(
+    query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, half: Any,
+    peak: Any, best: Any,
+) -> Any:  # fmt: skip
+    """The best overlap about a peak, as (|Q'|, |M'|, x, y), if its sum is more than ``best``; else zeros."""
+    result = (0, 0, 0, 0)
+    for dx in range(peak[1] - REFINE, peak[1] + REFINE + 1):
+        for dy in range(peak[2] - REFINE, peak[2] + REFINE + 1):
+            here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
+            there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
+            if here + there > best:
+                best = here + there
+                result = (here, there, dx, dy)
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
+    """Tables of a query's views: slots of its words, keypoints by word and x, flat cells, and near cells."""
+    count, size = query_x.shape
+    side = 2 * half
+    slots = np.full(WORDS, -1, dtype=np.int64)
+    used = 0
+    for a in query_a:
+        if slots[a] < 0:
+            slots[a] = used
+            used += 1
+    first = np.empty((count, used, side + 1), dtype=np.int32)
+    flat = np.empty((count, size), dtype=np.int64)
+    seen = np.zeros((count, side, side), dtype=np.uint8)
+    order = np.empty(size, dtype=np.int64)
+    for v in range(count):
+        _by_word(query_x[v], query_a, half, slots, used, first[v], order)
+        for k in range(size):
+            flat[v, k] = (query_x[v, order[k]] + half) * 2 * side + query_y[v, order[k]] + half
+            _mark(seen[v], query_x[v, k], query_y[v, k], half, 1)
+    return slots, first, flat, seen
+
+
+@numba.njit(cache=True, nogil=True)
+def agree(
+    starts: Any, wx: Any, wy: Any, wa: Any, query_x: Any, query_y: Any, query_a: Any,
+    window: Any, begin: Any, end: Any, both: Any, matched: Any, found: Any,
+) -> None:  # fmt: skip
+    """Measures the agreement of the documents begin..end with every view of a query.
+
+    Args:
+        starts: (documents + 1,) where each document's keypoints begin.
+        wx, wy, wa: (N,) int16 keypoints of all documents.
+        query_x, query_y: (V, Q) int64 cells of the query in each view, Q > 0; query_a (Q,) int64 its words.
+        window: largest offset of the viewpoints in x and in y, cells.
+        both: (documents,) int32 result: keypoints of both maps that lie near one of the other map, |Q'| + |M'|.
+        matched: (documents,) int32 result: min(|Q'|, |M'|).
+        found: (documents, 3) int32 result: best view, and the offset in x and in y by which its keypoints move.
+    """
+    half = window + NEAR + 1 + max(np.abs(query_x).max(), np.abs(query_y).max())
+    side = 2 * half
+    slots, first, flat, seen = _prepare(query_x, query_y, query_a, half)
+    votes = np.zeros((2 * window + 1) * 2 * side, dtype=np.int32)
+    rows = np.empty((2 * window + 1, 2 * window + 1), dtype=np.int32)
+    peaks = np.zeros((len(query_x), 3), dtype=np.int64)
+    drawn = np.zeros((side, side), dtype=np.uint8)
+    for document in range(begin, end):
+        low, high = starts[document], starts[document + 1]
+        for v in range(len(query_x)):
+            _vote(wx, wy, wa, low, high, slots, first[v], flat[v], half, window, votes)
+            peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side, rows)
+        least = max(WORTH * peaks[:, 0].max(), 1)
+        for k in range(low, high):
+            _mark(drawn, wx[k], wy[k], half, 1)
+        for v in np.argsort(-peaks[:, 0], kind="mergesort")[:CANDIDATES]:
+            if peaks[v, 0] >= least:
+                here, there, dx, dy = _overlap(
+                    query_x[v], query_y[v], seen[v], wx, wy, low, high, drawn, half, peaks[v], both[document]
+                )
+                if here + there > 0:
+                    both[document], matched[document] = here + there, min(here, there)
+                    found[document, 0], found[document, 1], found[document, 2] = v, dx, dy
+        for k in range(low, high):
+            _mark(drawn, wx[k], wy[k], half, 0)

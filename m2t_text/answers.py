@@ -2,18 +2,14 @@
 
 from dataclasses import asdict, dataclass
 from time import perf_counter
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from m2t_text.config import MappingParameters
 from m2t_text.errors import QueryError
-from m2t_text.index.results import Hit, IndexInfo
+from m2t_text.finding import Finding, Found, find
+from m2t_text.index.results import IndexInfo
 from m2t_text.index.store import MapIndex
 from m2t_text.queries import Context, Query, resolve
-
-Verdict = Literal["match", "ambiguous", "none"]
 
 
 @dataclass(frozen=True)
@@ -32,25 +28,13 @@ class SearchOptions:
 
 
 @dataclass(frozen=True)
-class Result:
-    """One hit. ``pose`` (3,) is the query's first-scan robot frame in the hit's; None if not verified."""
-
-    hit: Hit
-    pose: NDArray[np.float64] | None = None
-    inlier_ratio: float | None = None
-
-
-@dataclass(frozen=True)
 class Answer:
     """What a search found, and how long its steps took in seconds."""
 
     query: Query
     index: MapIndex
-    results: list[Result]
-    verdict: Verdict
+    finding: Finding
     describe_seconds: float
-    search_seconds: float
-    verify_seconds: float
 
     def to_json(self) -> dict[str, Any]:
         """The document of ``search --json``."""
@@ -70,15 +54,15 @@ class Answer:
             },
             "seconds": {
                 "describe": self.describe_seconds,
-                "search": self.search_seconds,
-                "verify": self.verify_seconds,
+                "search": self.finding.search_seconds,
+                "verify": self.finding.verify_seconds,
             },
-            "verdict": self.verdict,
-            "results": [_result(rank, result) for rank, result in enumerate(self.results, start=1)],
+            "verdict": self.finding.verdict,
+            "results": [_result(rank, result) for rank, result in enumerate(self.finding.results, start=1)],
         }
 
 
-def _result(rank: int, result: Result) -> dict[str, Any]:
+def _result(rank: int, result: Found) -> dict[str, Any]:
     document = result.hit.document
     return {
         "rank": rank,
@@ -106,17 +90,8 @@ def search(target: str, index: MapIndex, options: SearchOptions, name: str | Non
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     described = perf_counter() - begin
     index.model()  # loads the compiled code, which is no part of any one search
-    begin = perf_counter()
-    hits = index.search(query.text, options.top, query.excluding(options.exclude_travel))
-    searched = perf_counter() - begin
-    begin = perf_counter()
-    results, verdict = _judged(hits)
-    return Answer(query, index, results, verdict, described, searched, perf_counter() - begin)
-
-
-def _judged(hits: list[Hit]) -> tuple[list[Result], Verdict]:
-    """The place where verification goes. Scores alone do not tell a place from one that looks like it."""
-    return [Result(hit) for hit in hits], "ambiguous" if any(hit.score > 0 for hit in hits) else "none"
+    exclude = query.excluding(options.exclude_travel)
+    return Answer(query, index, find(index, query, options.top, exclude, options.verify), described)
 
 
 def inspection(query: Query) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Literal
 class MappingParameters:
     """From a log to local maps (paper, IV-A)."""
 
-    run_length: float = 3.0  # m of travel in a local map (IV-A)
+    run_length: float = 5.0  # m of travel in a local map (IV-A: 3 m)
     range_limit: float = 8.0  # m; farther returns blur the centre of gravity
     cell: float = 0.1  # m; side of an occupancy cell, and the quantisation of the pose words (IV-C, V-B)
 
@@ -20,16 +20,23 @@ class DescriptionParameters:
     viewpoint: Literal["trajectory", "centre"] = (
         "centre"  # nearest trajectory pose (IV-B), or the centre itself
     )
-    radii: tuple[float, ...] = tuple(0.15 * k for k in range(1, 11))  # m; outer radii of the D = 10 rings
+    radii: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # m; outer radii of the rings (III-A: 10)
 
 
 @dataclass(frozen=True)
 class MatchingParameters:
     """From a query's text to scores (paper, III-C, IV-D)."""
 
+    score: Literal["intersection", "agreement"] = "agreement"  # the paper's, or at one agreed offset
     window: int = 10  # cells; D_xy = 1 m (eqs. 2, 3)
     turns: tuple[int, ...] = (0, 1, 2, 3)  # quarter turns of the query that are tried; the best is kept
-    weighted: bool = True  # words weighted by their rarity, scores normalised by both maps' weights
+    directions: int = 3  # likely directions of the query's walls that are tried, each with all turns
+    weighted: bool = True  # bag of words: by rarity, and divided by the geometric mean of both maps' weights
+
+    @property
+    def tolerance(self) -> int:
+        """Cells by which keypoints differ that match once the query is laid over a map."""
+        return self.window if self.score == "intersection" else 1
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,8 @@ PROFILES = {
     "default": Parameters(),
     "paper": Parameters(
         profile="paper",
+        mapping=MappingParameters(run_length=3.0),
         description=DescriptionParameters(viewpoint="trajectory", radii=tuple(0.4 * k for k in range(1, 11))),
-        matching=MatchingParameters(weighted=False),
+        matching=MatchingParameters(score="intersection", directions=1, weighted=False),
     ),
 }

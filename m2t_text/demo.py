@@ -53,7 +53,7 @@ class DemoReport:
         """What to print: what was done, and how to go on."""
         folder, right = self.folder, sum(visit.right for visit in self.visits)
         assert self.best.query.document is not None
-        query, hit = self.best.query.document, self.best.results[0].hit
+        query, hit = self.best.query.document, self.best.finding.results[0].hit
         return [
             f"Drove twice through a simulated building: {self.scans[0]} and {self.scans[1]} laser scans.",
             f"Indexed the first drive: {self.maps} local maps as text in {folder}/index.",
@@ -96,8 +96,9 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
     ]
     plot_overview(_walls(first), _way(first), _way(second), visits, folder / "overview.png")
     best = search(f"{folder}/{second.name}.log#{queries[len(queries) // 2].first_scan}", index, SearchOptions())
-    shown = [(result.hit, index.document(result.hit.map_id).text) for result in best.results[:SHOWN]]
-    plot_match(best.query.text, best.query.title, shown, index.parameters.matching.window, folder / "match.png")
+    shown = [(found, index.document(found.hit.map_id).text) for found in best.finding.results[:SHOWN]]
+    tolerance = index.parameters.matching.tolerance
+    plot_match(best.query.text, best.query.title, shown, tolerance, folder / "match.png")
     return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, best, seconds)
 
 

@@ -1,7 +1,12 @@
 """From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
 
+import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import parent_process
+from threading import Thread
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +20,9 @@ from m2t_text.geometry import inverse, transform
 from m2t_text.logs.log import Log
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
+from m2t_text.mapping.window import local_map_at
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[str, int, int], None]  # stage, done, all
 
 CHUNK = 64  # maps described between two steps of a progress bar
 
@@ -53,29 +59,42 @@ def view_text(points: NDArray[np.float64], parameters: DescriptionParameters, ce
 
 
 def describe_log(
-    log: Log, parameters: Parameters, jobs: int = 1, progress: Callable[[str, int, int], None] | None = None
+    log: Log, parameters: Parameters, jobs: int = 1, progress: Progress | None = None
 ) -> Iterator[Document]:
-    """The documents of all local maps of a log, in the order of their first scans.
+    """The documents of all local maps of a log, in the order of their first scans; see `describe_survey`."""
+    tell = progress or _silent
+    # Map building (IV-A)
+    whole = survey(log, parameters.mapping, partial(tell, "scans"))
+    yield from describe_survey(whole, log.name, parameters, jobs, tell)
+
+
+def describe_survey(
+    whole: Survey, dataset: str, parameters: Parameters, jobs: int = 1, progress: Progress | None = None
+) -> Iterator[Document]:
+    """The documents of all local maps of a survey, in the order of their first scans.
 
     The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all).
     """
-    # Map building (IV-A)
-    whole = survey(log, parameters.mapping, progress and (lambda n, of: progress("scans", n, of)))
+    tell = progress or _silent
     starts = run_starts(whole, parameters.mapping.run_length)
     chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
     done = 0
-    for documents in _described(whole, chunks, log.name, parameters, jobs):
+    for documents in _described(whole, chunks, dataset, parameters, jobs):
         yield from documents
         done += len(documents)
-        if progress:
-            progress("maps", done, len(starts))
+        tell("maps", done, len(starts))
 
 
 def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
-    """The document of the local map that begins at one scan of a log."""
-    whole = survey(log, parameters.mapping)
-    (local_map,) = local_maps(whole, parameters.mapping, np.array([scan]))
-    return describe(local_map, log.name, parameters)
+    """The document of the local map that begins at one scan of a log; only the scans around it are matched.
+
+    The text is nearly that of `describe_log`. Travel and pose begin where wheel odometry puts the scan.
+    """
+    return describe(local_map_at(log, scan, parameters.mapping), log.name, parameters)
+
+
+def _silent(stage: str, done: int, of: int) -> None:
+    """Progress that nobody watches."""
 
 
 _worker: tuple[Survey, str, Parameters]
@@ -93,8 +112,19 @@ def _described(
 
 
 def _start(whole: Survey, dataset: str, parameters: Parameters) -> None:
-    global _worker  # noqa: PLW0603 - a process of the pool gets the survey once, not with every chunk
+    """Makes a process of the pool ready: it gets the survey once, not with every chunk, and ends with its parent."""
+    global _worker  # noqa: PLW0603
     _worker = (whole, dataset, parameters)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes, and one of them answers it
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot end its pool, whose processes would wait for work for ever."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _work(chunk: NDArray[np.int64]) -> list[Document]:

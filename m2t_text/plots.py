@@ -20,6 +20,7 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
 from m2t_text.drawing import (
     ARROW,
+    CELL,
     FIRST,
     HIT,
     INK,
@@ -36,8 +37,8 @@ from m2t_text.drawing import (
     metres,
 )
 from m2t_text.errors import M2TError
+from m2t_text.finding import Found
 from m2t_text.geometry import inverse, transform
-from m2t_text.index.results import Hit
 
 Floats = NDArray[np.float64]
 
@@ -63,13 +64,13 @@ def check_picture(path: Path) -> None:
         raise M2TError(f"cannot draw {str(path)!r}: there is no folder {str(path.parent)!r}; make it first")
 
 
-def plot_match(query: Text, title: str, found: Sequence[tuple[Hit, Text]], window: int, path: Path) -> None:
-    """A query, and each of its best hits (with its text) under the query as the score saw it."""
+def plot_match(query: Text, title: str, found: Sequence[tuple[Found, Text]], window: int, path: Path) -> None:
+    """A query, and each of its best hits (with its text) with the query laid over it."""
     shown = found[:PANELS]
-    turned = [query.turned(hit.turn) for hit, _ in shown]
+    laid = [query.moved(result.laid, CELL) for result, _ in shown]
     columns = min(3, len(shown) + 1)
     rows = ceil((len(shown) + 1) / columns)
-    box = _box(np.concatenate([metres(text) for text in (query, *turned, *(text for _, text in shown))]))
+    box = _box(np.concatenate([metres(text) for text in (query, *laid, *(text for _, text in shown))]))
     figure = Figure(
         (4.0 * columns, rows * (3.6 * _aspect(box) + 0.7) + 0.8), layout="compressed", facecolor="white"
     )
@@ -77,14 +78,11 @@ def plot_match(query: Text, title: str, found: Sequence[tuple[Hit, Text]], windo
     draw_keypoints(axes[0], query, QUERY)
     draw_viewpoint(axes[0], np.zeros(3), QUERY)
     entitle(axes[0], f"query  {short(title)}", f"{len(query)} keypoints")
-    for place, (one, (hit, text)) in enumerate(zip(axes[1:], shown, strict=False)):
-        draw_match(one, turned[place], text, window)
-        draw_viewpoint(one, np.array([0.0, 0.0, hit.turn * np.pi / 2]), QUERY)
+    for place, (one, (result, text)) in enumerate(zip(axes[1:], shown, strict=False)):
+        draw_match(one, laid[place], text, window)
+        draw_viewpoint(one, result.laid, QUERY)
         draw_viewpoint(one, np.zeros(3), HIT)
-        turn = f", query turned by {90 * hit.turn}°" if hit.turn else ""
-        entitle(
-            one, f"{place + 1}.  {short(hit.map_id)}", f"score {hit.score:.4g}, {hit.matched} matched{turn}"
-        )
+        entitle(one, f"{place + 1}.  {short(result.hit.map_id)}", _fit(result))
     for one in axes[: len(shown) + 1]:
         one.set(xlim=box[:, 0], ylim=box[:, 1])
         make_metric(one)
@@ -97,6 +95,14 @@ def plot_match(query: Text, title: str, found: Sequence[tuple[Hit, Text]], windo
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     save(figure, path)
+
+
+def _fit(result: Found) -> str:
+    degrees = round(np.degrees(result.laid[2])) % 360
+    fit = f"score {result.hit.score:.4g}, {result.hit.matched} matched"
+    if result.inlier_ratio is not None:
+        fit = f"score {result.hit.score:.4g}, {result.inlier_ratio:.0%} inliers"
+    return f"{fit}, query turned by {degrees}°" if degrees else fit
 
 
 def plot_document(text: Text, document: Document | None, path: Path) -> None:

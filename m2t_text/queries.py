@@ -102,7 +102,7 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
             "name an earlier one"
         )
     if context.index is not None and document.map_id in context.index.ids:
-        # The travel that others are compared with is the index's; a run described by itself may count anew.
+        # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
         document = replace(document, travel=stored.travel, pose=stored.pose)
     return Query(document.text, document)

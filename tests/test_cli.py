@@ -426,6 +426,45 @@ def test_interrupted_indexing_leaves_the_index_as_it_was(call: Call, simulated: 
     assert MapIndex.open("i").ids == before
 
 
+SLOW = """
+import time
+from pathlib import Path
+from m2t_text import pipeline
+from m2t_text.cli import main
+
+def slowly(*arguments, describe=pipeline.describe):
+    Path("working").touch()
+    time.sleep(0.01)
+    return describe(*arguments)
+
+pipeline.describe = slowly
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("ending", "everyone", "status", "message"),
+    [
+        (signal.SIGINT, True, 130, "m2t-text: interrupted; nothing was left half done\n"),
+        (signal.SIGINT, False, 130, "m2t-text: interrupted; nothing was left half done\n"),
+        (signal.SIGKILL, False, -9, ""),
+    ],
+)
+def test_no_process_of_the_pool_survives_or_complains(
+    call: Call, simulated: Path, ending: signal.Signals, everyone: bool, status: int, message: str
+) -> None:
+    assert call("index", simulated, "--index", "i")[0] == 0
+    before = MapIndex.open("i").ids
+    line = [sys.executable, "-c", SLOW, "index", str(simulated), "--index", "i", "--name", "b", "--jobs", "2"]
+    process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while not Path("working").exists():
+        time.sleep(0.01)
+    (os.killpg if everyone else os.kill)(process.pid, ending)
+    assert process.communicate(timeout=20)[1] == message  # read to its end: nobody is left to write there
+    assert process.returncode == status
+    assert MapIndex.open("i").ids == before
+
+
 # --- The demonstration
 
 

@@ -12,6 +12,7 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.drawing import correspondences
 from m2t_text.errors import M2TError
+from m2t_text.finding import Found
 from m2t_text.index.results import Hit
 
 PNG, EMPTY = b"\x89PNG", Text.of([], [], [])
@@ -33,7 +34,8 @@ def document(dataset: str = "fr101", text: Text = SQUARE) -> Document:
 
 
 def hits(count: int, dataset: str = "fr101", text: Text = SQUARE) -> list[tuple[Hit, Text]]:
-    return [(Hit(document(dataset, text), 0.5 / (k + 1), 4, k % 4), text) for k in range(count)]
+    turns = [np.array([0.0, 0.0, k % 4 * np.pi / 2]) for k in range(count)]
+    return [(Found(Hit(document(dataset, text), 0.5 / (k + 1), 4, turns[k])), text) for k in range(count)]
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 9])

@@ -1,5 +1,6 @@
 """Commands that read an index: search, inspect, info."""
 
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +9,9 @@ import typer
 from m2t_text.cli.console import note, print_json, print_lines, print_table
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from m2t_text.answers import Answer
     from m2t_text.index.store import MapIndex
 
@@ -129,26 +133,33 @@ def info(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> Non
 
 def _print_answer(answer: "Answer") -> None:
     rows = []
-    for rank, result in enumerate(answer.results, start=1):
+    for rank, result in enumerate(answer.finding.results, start=1):
         document, hit = result.hit.document, result.hit
         begin, end = document.travel
-        scans = f"{document.first_scan}–{document.last_scan}"
-        rows.append(
-            [str(rank), hit.map_id, f"{hit.score:.4g}", str(hit.matched), f"{begin:.2f}–{end:.2f}", scans]
-        )
+        fit = "" if result.inlier_ratio is None else f"{result.inlier_ratio:.0%}"
+        pose = "" if result.pose is None else "{:.2f} {:.2f} {:.0f}°".format(*_degrees(result.pose))
+        rows.append([str(rank), hit.map_id, f"{hit.score:.4g}", fit, pose, f"{begin:.2f}–{end:.2f}"])
     title = f"{answer.query.title}: {len(answer.query.text)} keypoints"
-    columns = {"#": "right", "map": "left", "score": "right", "matched": "right"}
-    print_table(title, columns | {"travel (m)": "right", "scans": "right"}, rows)
-    seconds = f"described in {answer.describe_seconds:.2f} s, searched in {answer.search_seconds:.2f} s"
-    index = answer.index
+    columns = {"#": "right", "map": "left", "score": "right", "inliers": "right", "pose (m, m)": "right"}
+    print_table(title, columns | {"travel (m)": "right"}, rows)
+    finding, index = answer.finding, answer.index
+    seconds = (
+        f"described in {answer.describe_seconds:.2f} s, searched in {finding.search_seconds:.2f} s, "
+        f"verified in {finding.verify_seconds:.2f} s"
+    )
+    print_lines(f"verdict: {finding.verdict}")
     print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
+
+
+def _degrees(pose: "NDArray[np.float64]") -> tuple[float, float, float]:
+    return float(pose[0]), float(pose[1]), degrees(pose[2])
 
 
 def _draw(answer: "Answer", path: Path) -> None:
     from m2t_text.plots import PANELS, plot_match
 
-    found = [(r.hit, answer.index.document(r.hit.map_id).text) for r in answer.results[:PANELS]]
-    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.window, path)
+    found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
+    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
     note(f"drew {path}")
 
 

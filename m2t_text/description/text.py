@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.errors import TextError
+from m2t_text.geometry import transform
 
 WORDS = 1024  # size of the appearance vocabulary, K = 2^D with D = 10 rings (paper, III-B)
 POSE_LIMIT = 32767  # the largest pose word, in cells: what an int16 holds
@@ -55,6 +56,11 @@ class Text:
         for _ in range(quarters % 4):
             x, y = -y - 1, x
         return Text.of(x, y, self.wa)
+
+    def moved(self, pose: ArrayLike, cell: float) -> "Text":
+        """The same keypoints in a frame in which their own frame has the ``pose`` (3,), metres and radians."""
+        moved = np.floor(transform(pose, self.positions() * cell) / cell)
+        return Text.of(moved[:, 0], moved[:, 1], self.wa)
 
     def positions(self) -> NDArray[np.float64]:
         """(N, 2) cell centres in units of cells, in the map's own frame."""

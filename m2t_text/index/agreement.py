@@ -12,9 +12,7 @@ import numba
 import numpy as np
 
 WORDS = 1024
-SPREAD = 1  # cells; votes this far apart in x and y are counted together
 NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
-REFINE = 1  # cells about the offset with most votes in which the best overlap is looked for
 CANDIDATES = 4  # views whose overlap is measured: those with most votes
 WORTH = 0.5  # of the votes of the best view, below which a view is not measured
 
@@ -71,24 +69,20 @@ def _vote(
 
 @numba.njit(cache=True, nogil=True)
 def _peak(votes: Any, window: Any, width: Any, rows: Any) -> Any:
-    """The offset with most votes near it, as (votes, x, y); the smallest of equals."""
-    size, reach = 2 * window + 1, 2 * SPREAD + 1
+    """The offset with most votes, as (votes, x, y); the smallest of equals.
+
+    A vote counts four times at its offset, and twice or once at the next ones: cells lie up to one step off.
+    """
+    size = 2 * window + 1
     middle = width // 2 - window
     for r in range(size):
-        total = 0
-        for c in range(size + SPREAD):
-            if c < size:
-                total += votes[r * width + middle + c]
-            if c >= reach:
-                total -= votes[r * width + middle + c - reach]
-            if c >= SPREAD:
-                rows[r, c - SPREAD] = total
+        row = r * width + middle
+        for c in range(size):
+            rows[r + 1, c] = votes[row + c - 1] + 2 * votes[row + c] + votes[row + c + 1]
     best, x, y = 0, 0, 0
     for r in range(size):
         for c in range(size):
-            total = 0
-            for k in range(max(r - SPREAD, 0), min(r + SPREAD + 1, size)):
-                total += rows[k, c]
+            total = rows[r, c] + 2 * rows[r + 1, c] + rows[r + 2, c]
             if total > best:
                 best, x, y = total, r - window, c - window
     return best, x, y
@@ -99,15 +93,16 @@ def _overlap(
     query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, half: Any,
     peak: Any, best: Any,
 ) -> Any:  # fmt: skip
-    """The best overlap about a peak, as (|Q'|, |M'|, x, y), if its sum is more than ``best``; else zeros."""
+    """The best overlap at a peak or next to it, as (|Q'|, |M'|, x, y), if its sum exceeds ``best``; else zeros."""
     result = (0, 0, 0, 0)
-    for dx in range(peak[1] - REFINE, peak[1] + REFINE + 1):
-        for dy in range(peak[2] - REFINE, peak[2] + REFINE + 1):
-            here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
-            there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
-            if here + there > best:
-                best = here + there
-                result = (here, there, dx, dy)
+    for step in range(9):
+        at = (step + 4) % 9  # the peak itself goes first, and wins ties
+        dx, dy = peak[1] + at // 3 - 1, peak[2] + at % 3 - 1
+        here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
+        there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
+        if here + there > best:
+            best = here + there
+            result = (here, there, dx, dy)
     return result
 
 
@@ -154,7 +149,7 @@ def agree(
     side = 2 * half
     slots, first, flat, seen = _prepare(query_x, query_y, query_a, half)
     votes = np.zeros((2 * window + 1) * 2 * side, dtype=np.int32)
-    rows = np.empty((2 * window + 1, 2 * window + 1), dtype=np.int32)
+    rows = np.zeros((2 * window + 3, 2 * window + 1), dtype=np.int32)
     peaks = np.zeros((len(query_x), 3), dtype=np.int64)
     drawn = np.zeros((side, side), dtype=np.uint8)
     for document in range(begin, end):

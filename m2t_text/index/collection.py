@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from m2t_text.description.text import WORDS
 from m2t_text.index import kernel
-from m2t_text.index.postings import Postings
+from m2t_text.index.postings import Texts
 
 GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
 
@@ -22,11 +22,11 @@ class Segment:
     """One segment as a reader sees it.
 
     Attributes:
-        postings: of all its documents; they never change.
+        texts: of all its documents; they never change.
         live: (documents,) bool, False where this reader's state of the index has the document deleted.
     """
 
-    postings: Postings
+    texts: Texts
     live: NDArray[np.bool_]
 
 
@@ -37,12 +37,19 @@ class Collection:
     Attributes:
         segments: by segment id.
         maps: N, number of live maps.
-        frequency: (1024,) int64, live maps with each word.
     """
 
     segments: dict[str, Segment]
     maps: int
-    frequency: NDArray[np.int64]
+
+    @cached_property
+    def frequency(self) -> NDArray[np.int64]:
+        """(1024,) live maps with each word."""
+        frequency = np.zeros(WORDS, dtype=np.int64)
+        for segment in self.segments.values():
+            postings = segment.texts.postings
+            kernel.document_frequency(postings.starts, postings.doc, segment.live, frequency)
+        return frequency
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
@@ -56,16 +63,16 @@ class Collection:
     @cached_property
     def norms(self) -> dict[str, NDArray[np.float64]]:
         """For each segment (documents,) the weight of each map: the sum of its keypoints' weights."""
-        norms = {name: np.zeros(segment.postings.documents) for name, segment in self.segments.items()}
+        norms = {name: np.zeros(len(segment.live)) for name, segment in self.segments.items()}
         for name, segment in self.segments.items():
-            postings = segment.postings
+            postings = segment.texts.postings
             kernel.document_weight(postings.starts, postings.doc, self.weights, norms[name])
         return norms
 
 
 _lock = threading.RLock()
 _collections: WeakKeyDictionary[Any, Collection] = WeakKeyDictionary()
-_postings: WeakValueDictionary[tuple[str, str], Postings] = WeakValueDictionary()
+_texts: WeakValueDictionary[tuple[str, str], Texts] = WeakValueDictionary()
 
 
 def collection(searcher: Any, fieldname: str) -> Collection:
@@ -92,18 +99,14 @@ def leaves(reader: Any) -> Iterator[Any]:
 
 def _collect(reader: Any, fieldname: str) -> Collection:
     segments = {segment_name(leaf): _segment(leaf, fieldname) for leaf in leaves(reader)}
-    frequency = np.zeros(WORDS, dtype=np.int64)
-    for segment in segments.values():
-        kernel.document_frequency(segment.postings.starts, segment.postings.doc, segment.live, frequency)
-    return Collection(segments, sum(int(segment.live.sum()) for segment in segments.values()), frequency)
+    return Collection(segments, sum(int(segment.live.sum()) for segment in segments.values()))
 
 
 def _segment(leaf: Any, fieldname: str) -> Segment:
     key = (segment_name(leaf), fieldname)
-    postings = _postings.get(key)
-    if postings is None:
-        column = leaf.column_reader(fieldname, translate=False)
-        postings = _postings[key] = Postings.of(leaf.doc_count_all(), *column.all())
+    texts = _texts.get(key)
+    if texts is None:
+        texts = _texts[key] = leaf.column_reader(fieldname, translate=False).all()
     live = np.ones(leaf.doc_count_all(), dtype=np.bool_)
     live[list(leaf.segment().deleted_docs())] = False
-    return Segment(postings, live)
+    return Segment(texts, live)

@@ -9,6 +9,7 @@ from whoosh.columns import Column, ColumnReader, ColumnWriter
 
 from m2t_text.description.text import Text
 from m2t_text.errors import MapIndexError
+from m2t_text.index.postings import Texts
 
 RUN = 64  # keypoints in a run at most: a word of 10 bits leaves 6 for the count
 HEADER = np.dtype([("maps", "<u4"), ("runs", "<u8"), ("keypoints", "<u8"), ("wide", "<u8")])
@@ -98,11 +99,10 @@ class KeypointColumn(Column):
             """(documents,) number of keypoints of each document."""
             return self._counts["keypoints"].astype(np.int64)
 
-        def all(self) -> tuple[NDArray[np.int32], Text]:
-            """All keypoints in the order of documents: (N,) document numbers, and N keypoints."""
+        def all(self) -> Texts:
+            """All keypoints in the order of documents."""
             sums = np.array([int(self._counts[name].sum(dtype=np.int64)) for name in COUNTS.names or ()])
-            document = np.repeat(np.arange(len(self), dtype=np.int32), self._counts["keypoints"])
-            return document, self._read(np.zeros(3, dtype=np.int64), sums)
+            return Texts(self.counts(), self._read(np.zeros(3, dtype=np.int64), sums))
 
 
 def pack_words(wa: NDArray[np.int16]) -> NDArray[np.uint16]:

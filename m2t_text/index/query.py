@@ -2,7 +2,6 @@
 
 from bisect import bisect_left
 from copy import copy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,14 @@ from whoosh.matching import Matcher, NullMatcher, ReadTooFar
 from whoosh.query import Query
 
 from m2t_text.description.text import Text
-from m2t_text.index.weighting import HistogramIntersection, IntersectionScorer
+from m2t_text.index.weighting import HistogramIntersection, MapScorer, MapWeighting, OffsetAgreement
 
 
 class MapQuery(Query):
     """Finds the maps that share keypoints with a text: same word, and position within the window.
 
-    The searcher's weighting decides window, turns and score if it is a `HistogramIntersection`, else the
-    parameters of the index do. It composes with any other query, filter and mask.
+    The searcher's weighting decides window, turns and score if it is a `MapWeighting`, else the parameters of
+    the index do. It composes with any other query, filter and mask.
 
     Args:
         text: of the whole query map; one keypoint stands for its token and all neighbours.
@@ -63,19 +62,22 @@ class MapQuery(Query):
             return NullMatcher()
         model = self._model(searcher, context.weighting if context is not None else None)
         scorer = model.scorer(searcher, self.fieldname, self.text)
-        assert isinstance(scorer, IntersectionScorer)
+        assert isinstance(scorer, MapScorer)
         scores = scorer.scores.score
         found = np.flatnonzero((scores > 0) & scorer.live)
         return ArrayMatcher(found, scores[found] * self.boost)
 
-    def _model(self, searcher: Any, weighting: Any) -> HistogramIntersection:
+    def _model(self, searcher: Any, weighting: Any) -> MapWeighting:
         """Also without scores the searcher's weighting decides what matches."""
         for model in (weighting, searcher.weighting):
-            if isinstance(model, HistogramIntersection):
+            if isinstance(model, MapWeighting):
                 break
         else:
-            model = HistogramIntersection.of(searcher.schema[self.fieldname].parameters.matching)
-        return model if self.turns is None else replace(model, turns=self.turns)
+            model = MapWeighting.of(searcher.schema[self.fieldname].parameters.matching)
+        if self.turns is None:
+            return model
+        window = model.window if isinstance(model, HistogramIntersection | OffsetAgreement) else None
+        return HistogramIntersection(window, self.turns, weighted=False)
 
 
 class NumberRange(Query):
@@ -136,7 +138,7 @@ class NumberRange(Query):
             inside &= values < self.end if self.endexcl else values <= self.end
         inside[list(reader.segment().deleted_docs())] = False
         found = np.flatnonzero(inside)
-        by_text = context is not None and isinstance(context.weighting, HistogramIntersection)
+        by_text = context is not None and isinstance(context.weighting, MapWeighting)
         return ArrayMatcher(found, np.full(len(found), 0.0 if by_text else self.boost))
 
 

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 
@@ -13,15 +16,15 @@ class Hit:
 
     Attributes:
         document: without its text, which ``MapIndex.document`` reads.
-        score: of the profile's matching; 0...1 if weighted.
-        matched: the sum over the words of min(|Q'_a|, |M'_a|) at the best turn.
-        turn: quarter turns of the query, counter-clockwise, that gave the score.
+        score: of the profile's matching.
+        matched: the smaller of both maps' numbers of matched keypoints.
+        alignment: (3,) pose of the query's frame in the map's frame that gave the score, metres and radians.
     """
 
     document: Document
     score: float
     matched: int
-    turn: int
+    alignment: NDArray[np.float64]
 
     @property
     def map_id(self) -> str:

@@ -12,7 +12,7 @@ from m2t_text.description.text import Text
 from m2t_text.index.schema import from_fields
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
-    from m2t_text.index.weighting import HistogramIntersection, Scores
+    from m2t_text.index.weighting import MapWeighting, Scores
 
 
 class State:
@@ -51,7 +51,7 @@ class State:
         readers = [leaf.reader().column_reader(name, translate=translate) for leaf, _ in self._leaves]
         return [value for reader in readers for value in reader]
 
-    def scores(self, text: Text, model: "HistogramIntersection") -> "Scores":
+    def scores(self, text: Text, model: "MapWeighting") -> "Scores":
         """How well the text fits each map."""
         from m2t_text.index.weighting import Scores
 

@@ -21,7 +21,7 @@ from m2t_text.index.state import State
 from m2t_text.index.writing import MapWriter, refused
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
-    from m2t_text.index.weighting import HistogramIntersection, Method, Scores
+    from m2t_text.index.weighting import MapWeighting, Method, Scores
 
 LOCK_SECONDS = 2.0  # to wait for another writer
 
@@ -164,6 +164,7 @@ class MapIndex:
             allowed &= (state.datasets != dataset) | (np.abs(state.column("travel") - travel) > metres)
         if filter is not None:
             allowed &= state.matching(self.parse(filter) if isinstance(filter, str) else filter)
+        cell = self.parameters.mapping.cell
         places = np.flatnonzero(allowed)
         ranked = places[np.argsort(-scores.score[places], kind="stable")]  # places are in the order of ids
         return [
@@ -171,7 +172,7 @@ class MapIndex:
                 state.read(place),
                 float(scores.score[place]),
                 int(scores.matched[place]),
-                int(scores.turn[place]),
+                scores.alignment[place] * [cell, cell, 1.0],
             )
             for place in ranked[: top or None].tolist()
         ]
@@ -180,11 +181,11 @@ class MapIndex:
         """The scores of all maps at once, in the order of `ids`."""
         return self._current().scores(text, self.model(method))
 
-    def model(self, method: "Method" = "m2t") -> "HistogramIntersection":
+    def model(self, method: "Method" = "m2t") -> "MapWeighting":
         """The weighting of this index's profile."""
-        from m2t_text.index.weighting import HistogramIntersection
+        from m2t_text.index.weighting import MapWeighting
 
-        return HistogramIntersection.of(self.parameters.matching, method)
+        return MapWeighting.of(self.parameters.matching, method)
 
     def searcher(self, method: "Method" = "m2t") -> Any:
         """A Whoosh searcher of the latest state, for queries of any kind; to be closed by the caller."""

@@ -1,6 +1,9 @@
-"""The histogram intersection as a Whoosh weighting model (paper, III-C, IV-D)."""
+"""How maps are scored, as Whoosh weighting models: the paper's intersection, and one agreed offset."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from os import cpu_count
 from typing import Any, Literal
 
 import numpy as np
@@ -9,10 +12,14 @@ from whoosh.scoring import BaseScorer, WeightingModel
 
 from m2t_text.config import MatchingParameters
 from m2t_text.description.text import Text
-from m2t_text.index import kernel
-from m2t_text.index.collection import collection, segment_name
+from m2t_text.index import agreement, kernel
+from m2t_text.index.collection import Collection, collection, segment_name
+from m2t_text.index.postings import Texts
+from m2t_text.index.views import QUARTER, views
 
 Method = Literal["m2t", "bow"]
+
+SHARE = 64  # documents, at least, that a thread takes
 
 
 @dataclass(frozen=True)
@@ -21,54 +28,105 @@ class Scores:
 
     Attributes:
         score: (N,) float64.
-        matched: (N,) int32, the sum over the words of min(|Q'_a|, |M'_a|) at the best turn.
-        turn: (N,) int8, the best turn: quarter turns of the query, counter-clockwise.
+        matched: (N,) int32, the smaller of both maps' numbers of matched keypoints: the sum over the words of
+            min(|Q'_a|, |M'_a|), or min(|Q'|, |M'|) at the agreed offset.
+        alignment: (N, 3) float64, the pose of the query's frame in the map's frame that gave the score, in
+            cells and radians.
     """
 
     score: NDArray[np.float64]
     matched: NDArray[np.int32]
-    turn: NDArray[np.int8]
+    alignment: NDArray[np.float64]
+
+    @classmethod
+    def none(cls, maps: int) -> "Scores":
+        """Nothing matches."""
+        return cls(np.zeros(maps), np.zeros(maps, dtype=np.int32), np.zeros((maps, 3)))
 
     @classmethod
     def joined(cls, parts: "list[Scores]") -> "Scores":
         """The scores of all parts, one after the other."""
-        none = cls(np.zeros(0), np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int8))
-        fields = ("score", "matched", "turn")
-        return cls(*(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in fields))
+        fields = ("score", "matched", "alignment")
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in (cls.none(0), *parts)]) for name in fields)
+        )
 
     def __getitem__(self, chosen: NDArray[Any]) -> "Scores":
-        return Scores(self.score[chosen], self.matched[chosen], self.turn[chosen])
+        return Scores(self.score[chosen], self.matched[chosen], self.alignment[chosen])
+
+
+class MapWeighting(WeightingModel):
+    """Scores maps by a whole text. Terms of other fields add nothing to the score: they filter."""
+
+    @classmethod
+    def of(cls, matching: MatchingParameters, method: Method = "m2t") -> "MapWeighting":
+        """The model of these parameters, or the paper's baseline, which ignores the pose words."""
+        if method == "bow":
+            return HistogramIntersection(None, (0,), matching.weighted)
+        if matching.score == "agreement":
+            return OffsetAgreement(matching.window, matching.turns, matching.directions)
+        return HistogramIntersection(matching.window, matching.turns, matching.weighted)
+
+    def scorer(self, searcher: Any, fieldname: str, text: Any, qf: float = 1) -> BaseScorer:
+        """The scorer of a `Text` for the maps of a segment; of anything else, one that adds nothing."""
+        if not isinstance(text, Text):
+            return NoScore()
+        whole, name = collection(searcher, fieldname), segment_name(searcher.reader())
+        return MapScorer(self.scores(text, whole, name), whole.segments[name].live)
+
+    def scores(self, text: Text, whole: Collection, name: str) -> Scores:
+        """The scores of all maps of one segment, deleted ones too."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class HistogramIntersection(WeightingModel):
-    """Scores maps by the words that they share with the query.
+class HistogramIntersection(MapWeighting):
+    """Scores maps by the words that they share with the query (paper, III-C, IV-D).
 
     Attributes:
         window: cells by which matched keypoints may differ in x and in y; None for a bag of words.
         turns: quarter turns of the query that are tried; the best score is kept, the smallest turn on ties.
         weighted: words weighted by rarity, and the score divided by the geometric mean of both maps' own
             weights, so that it lies in 0...1. Otherwise the score is the plain number of matches.
-
-    Terms of other fields add nothing to the score: they filter.
     """
 
     window: int | None = 10
     turns: tuple[int, ...] = (0, 1, 2, 3)
     weighted: bool = True
 
-    @classmethod
-    def of(cls, matching: MatchingParameters, method: Method = "m2t") -> "HistogramIntersection":
-        """The model of these parameters: with the window, or the paper's baseline without."""
-        if method == "bow":
-            return cls(None, (0,), matching.weighted)
-        return cls(matching.window, matching.turns, matching.weighted)
+    def scores(self, text: Text, whole: Collection, name: str) -> Scores:
+        weights = whole.weights if self.weighted else np.ones(len(whole.frequency))
+        count, score = intersect(whole.segments[name].texts.postings, text, self, weights)
+        if self.weighted:
+            own = float(weights[text.wa].sum())
+            norm = np.sqrt(own * whole.norms[name])
+            score /= np.where(norm > 0, norm, 1.0)[:, None]
+        slot = score.argmax(axis=1)  # the first of equals, and turns ascend
+        rows = np.arange(len(slot))
+        alignment = np.zeros((len(slot), 3))
+        alignment[:, 2] = np.array(sorted(self.turns) + [0] * kernel.SLOTS)[slot] * QUARTER
+        return Scores(score[rows, slot], count[rows, slot], alignment)
 
-    def scorer(self, searcher: Any, fieldname: str, text: Any, qf: float = 1) -> BaseScorer:
-        """The scorer of a `Text` for the maps of a segment; of anything else, one that adds nothing."""
-        if not isinstance(text, Text):
-            return NoScore()
-        return IntersectionScorer(self, searcher, fieldname, text)
+
+@dataclass(frozen=True)
+class OffsetAgreement(MapWeighting):
+    """Scores maps by the share of keypoints that match at the one offset for which most words vote.
+
+    The score is (|Q'| + |M'|) / (|Q| + |M|), 1 for equal maps; see `agreement`. It depends on the two maps
+    alone, not on what else the index holds.
+
+    Attributes:
+        window: cells by which the two viewpoints may lie apart in x and in y.
+        turns: quarter turns of the query that are tried in each direction.
+        directions: likely directions of the query's walls that are tried, at most.
+    """
+
+    window: int = 10
+    turns: tuple[int, ...] = (0, 1, 2, 3)
+    directions: int = 3
+
+    def scores(self, text: Text, whole: Collection, name: str) -> Scores:
+        return agreed(whole.segments[name].texts, text, self)
 
 
 class NoScore(BaseScorer):
@@ -84,23 +142,12 @@ class NoScore(BaseScorer):
         return 0.0
 
 
-class IntersectionScorer(BaseScorer):
-    """The scores of one query for all maps of a segment, computed at once."""
+class MapScorer(BaseScorer):
+    """The scores of one query for all maps of a segment, computed at once; ``live`` tells deleted ones."""
 
-    def __init__(self, model: HistogramIntersection, searcher: Any, fieldname: str, text: Text) -> None:
-        whole = collection(searcher, fieldname)
-        name = segment_name(searcher.reader())
-        self.live = whole.segments[name].live
-        weights = whole.weights if model.weighted else np.ones_like(whole.weights)
-        count, score = intersect(whole.segments[name].postings, text, model, weights)
-        if model.weighted:
-            own = float(weights[text.wa].sum())
-            norm = np.sqrt(own * whole.norms[name])
-            score /= np.where(norm > 0, norm, 1.0)[:, None]
-        slot = score.argmax(axis=1)  # the first of equals, and turns ascend
-        rows = np.arange(len(slot))
-        turns = np.array(sorted(model.turns) + [0] * kernel.SLOTS, dtype=np.int8)
-        self.scores = Scores(score[rows, slot], count[rows, slot], turns[slot])
+    def __init__(self, scores: Scores, live: NDArray[np.bool_]) -> None:
+        self.scores = scores
+        self.live = live
 
     def score(self, matcher: Any) -> float:
         return float(self.scores.score[matcher.id()])
@@ -121,3 +168,21 @@ def intersect(
         arrays = (postings.starts, postings.doc, postings.wx, postings.wy)
         kernel.filtered(*arrays, *query, x, y, model.window, weights, 0, postings.documents, count, score)
     return count, score
+
+
+def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:
+    """How far each document of a segment agrees with the query on one offset. Threads share the documents."""
+    documents = len(texts.counts)
+    if not len(text):
+        return Scores.none(documents)
+    seen = views(text, model.turns, model.directions)
+    both, matched = np.zeros(documents, dtype=np.int32), np.zeros(documents, dtype=np.int32)
+    found = np.zeros((documents, 3), dtype=np.int32)
+    stored = (texts.starts, texts.text.wx, texts.text.wy, texts.text.wa)
+    measure = partial(agreement.agree, *stored, seen.wx, seen.wy, seen.wa, model.window)
+    parts = min(cpu_count() or 1, max(1, documents // SHARE))
+    bounds = np.linspace(0, documents, parts + 1).astype(np.int64)
+    with ThreadPoolExecutor(parts) as pool:
+        list(pool.map(lambda k: measure(bounds[k], bounds[k + 1], both, matched, found), range(parts)))
+    alignment = np.column_stack([found[:, 1:], seen.angles[found[:, 0]]])
+    return Scores(both / (len(text) + texts.counts), matched, alignment)

@@ -30,6 +30,7 @@ ANGLE_STEP = math.radians(1.0)
 POINT_SIGMA = 0.03  # m; noise of a point about its line
 CORRELATION = 10.0  # neighbouring beams err together: so many points count as one
 ITERATIONS = 12
+LINEAR = 0.6  # (l1 - l2) / (l1 + l2) of the neighbours' spread above which they are a line
 
 
 @njit(cache=True, nogil=True)
@@ -220,3 +221,44 @@ def register(
     link = np.empty(len(reference), dtype=np.int32)
     _bucket(reference, head, link)
     return _refine(reference, reference_normals, scan, start, sigma, head, link)
+
+
+@njit(cache=True, nogil=True)
+def within(points: Floats, reference: Floats, reach: float) -> NDArray[np.bool_]:
+    """(N,) which of the points (N, 2) have one of the reference (M, 2) nearer than ``reach`` metres."""
+    head = np.empty((SIDE, SIDE), dtype=np.int32)
+    link = np.empty(len(reference), dtype=np.int32)
+    _bucket(reference, head, link)
+    near = np.empty(len(points), dtype=np.bool_)
+    for k in range(len(points)):
+        near[k] = _nearest(points[k, 0], points[k, 1], reach, reference, head, link) >= 0
+    return near
+
+
+@njit(cache=True, nogil=True)
+def cloud_normals(points: Floats, reach: float) -> Floats:
+    """Unit normals (N, 2) of points in any order, from the neighbours within ``reach`` metres.
+
+    Zero where fewer than three points, or points that lie on no line, are near.
+    """
+    n = len(points)
+    order = np.argsort(points[:, 0], kind="mergesort")
+    moments = np.zeros((n, 6))  # of the neighbours of each point, itself included: n, x, y, xx, yy, xy
+    moments[:, 0] = 1.0
+    for p in range(n):
+        for q in range(p + 1, n):
+            i, j = order[p], order[q]
+            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            if dx > reach:
+                break
+            if dx * dx + dy * dy <= reach * reach:
+                moments[i] += np.array([1.0, dx, dy, dx * dx, dy * dy, dx * dy])
+                moments[j] += np.array([1.0, -dx, -dy, dx * dx, dy * dy, dx * dy])
+    result = np.zeros((n, 2))
+    for i in range(n):
+        count, x, y = moments[i, 0], moments[i, 1] / moments[i, 0], moments[i, 2] / moments[i, 0]
+        xx, yy, xy = moments[i, 3] / count - x * x, moments[i, 4] / count - y * y, moments[i, 5] / count - x * y
+        if count >= 3 and math.hypot(xx - yy, 2 * xy) > LINEAR * (xx + yy):
+            along = 0.5 * math.atan2(2 * xy, xx - yy)
+            result[i, 0], result[i, 1] = -math.sin(along), math.cos(along)
+    return result

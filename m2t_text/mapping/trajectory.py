@@ -4,7 +4,7 @@ Every scan is registered against the few key scans before it. Only the recent pa
 stays small over the length of a local map and a robot could do the same while it drives.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,10 +41,19 @@ class _Cloud:
 
 def survey(log: Log, parameters: MappingParameters, progress: Progress | None = None) -> Survey:
     """A log's hits and its refined trajectory, ready for local maps. ``progress`` is told (scans done, all)."""
-    hits = [scan_points(scan, log.laser_pose, parameters.range_limit) for scan in log.scans]
-    starts = np.concatenate([[0], np.cumsum([len(points) for points in hits])]).astype(np.int64)
-    points = np.concatenate(hits) if hits else np.empty((0, 2))
-    return Survey(points, starts, refined_trajectory(log, progress))
+    poses = []
+    for pose in refined_poses(log):
+        poses.append(pose)
+        if progress:
+            progress(len(poses), len(log.scans))
+    return Survey(*hits(log, parameters.range_limit), np.array(poses).reshape(-1, 3))
+
+
+def hits(log: Log, range_limit: float) -> tuple[Floats, NDArray[np.int64]]:
+    """``points`` and ``starts`` of a log's `Survey`."""
+    points = [scan_points(scan, log.laser_pose, range_limit) for scan in log.scans]
+    starts = np.concatenate([[0], np.cumsum([len(part) for part in points])]).astype(np.int64)
+    return np.concatenate([np.empty((0, 2)), *points]), starts
 
 
 def scan_points(scan: Scan, laser_pose: Floats, range_limit: float) -> Floats:
@@ -54,25 +63,26 @@ def scan_points(scan: Scan, laser_pose: Floats, range_limit: float) -> Floats:
     return transform(laser_pose, np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1))
 
 
-def refined_trajectory(log: Log, progress: Progress | None = None) -> Floats:
-    """(S, 3) robot poses in the frame of the first scan."""
+def refined_poses(log: Log) -> Iterator[Floats]:
+    """The robot's pose (3,) at each scan, in the frame of the first scan; matched as they are asked for."""
     odometry = log.odometry
     way = travel(odometry)
-    poses = np.zeros_like(odometry)
+    poses: list[Floats] = []
     clouds: list[_Cloud] = []
     keys: list[int] = []
     for i, scan in enumerate(log.scans):
-        clouds.append(_cloud(scan, log.laser_pose))
+        cloud = _cloud(scan, log.laser_pose)
+        pose = np.zeros(3)
         if i > 0:
             motion = between(odometry[i - 1], odometry[i])
-            predicted = compose(poses[i - 1], motion)
+            predicted = compose(poses[-1], motion)
             reference = [clouds[k].seen_from(poses[k], predicted) for k in _recent(keys, way, i)]
-            poses[i] = compose(predicted, _correction(reference, clouds[i], motion))
-        if not keys or _far(poses[keys[-1]], poses[i]):
+            pose = compose(predicted, _correction(reference, cloud, motion))
+        clouds.append(cloud)
+        poses.append(pose)
+        if not keys or _far(poses[keys[-1]], pose):
             keys.append(i)
-        if progress:
-            progress(i + 1, len(log.scans))
-    return poses
+        yield pose
 
 
 def _cloud(scan: Scan, laser_pose: Floats) -> _Cloud:

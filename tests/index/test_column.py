@@ -41,10 +41,10 @@ def same(one: Text, other: Text) -> bool:
 def test_texts_come_back_exactly(rows):
     reader, _ = column_of(dict(enumerate(rows)), len(rows))
     assert all(same(text, row) for text, row in zip(reader, rows, strict=True))
-    document, text = reader.all()
-    for number, row in enumerate(rows):
-        of_row = document == number
-        assert same(Text(text.wx[of_row], text.wy[of_row], text.wa[of_row]), row)
+    together = reader.all()
+    for row, begin, end in zip(rows, together.starts, together.starts[1:], strict=False):
+        text = together.text
+        assert same(Text(text.wx[begin:end], text.wy[begin:end], text.wa[begin:end]), row)
     assert reader.counts().tolist() == [len(row) for row in rows]
 
 

@@ -8,7 +8,7 @@ from m2t_text.config import MatchingParameters, Parameters
 from m2t_text.description.text import Text
 from m2t_text.index import kernel
 from m2t_text.index.postings import Postings
-from m2t_text.index.weighting import HistogramIntersection, intersect
+from m2t_text.index.weighting import HistogramIntersection, MapWeighting, OffsetAgreement, intersect
 
 ONES = np.ones(1024)
 
@@ -104,5 +104,6 @@ def test_weights_and_frequencies_are_of_live_documents():
 
 
 def test_the_default_parameters_are_those_of_the_configuration():
-    assert HistogramIntersection.of(MatchingParameters()) == HistogramIntersection()
+    assert MapWeighting.of(MatchingParameters()) == OffsetAgreement()
+    assert MapWeighting.of(MatchingParameters(score="intersection")) == HistogramIntersection()
     assert HistogramIntersection.of(Parameters().matching, "bow").window is None

@@ -14,6 +14,12 @@ from m2t_text.index.store import MapIndex
 from m2t_text.index.weighting import HistogramIntersection
 
 
+def turn_of(alignment: np.ndarray) -> int:
+    """Quarter turns of an alignment without an offset."""
+    assert not alignment[:2].any()
+    return round(alignment[2] / (np.pi / 2))
+
+
 def segments_of(index: MapIndex) -> list[tuple[int, int]]:
     return [(segment.doc_count_all(), segment.deleted_count()) for segment in index.whoosh._segments()]
 
@@ -51,7 +57,7 @@ def layouts(path: Path, parameters: Parameters):
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_scores_and_ranking_are_those_of_the_definitions(tmp_path, weighted):
-    matching = MatchingParameters(window=10, weighted=weighted)
+    matching = MatchingParameters(score="intersection", window=10, weighted=weighted)
     rng = np.random.default_rng(0)
     for name, index, documents in layouts(tmp_path / "index", Parameters(matching=matching)):
         oracle = Oracle(documents)
@@ -63,19 +69,24 @@ def test_scores_and_ranking_are_those_of_the_definitions(tmp_path, weighted):
                 for place, map_id in enumerate(index.ids):
                     score, matched, turn = wanted[map_id]
                     assert got.score[place] == (pytest.approx(score, rel=1e-8) if weighted else score), name
-                    assert (got.matched[place], got.turn[place]) == (matched, turn), (name, map_id)
+                    assert (got.matched[place], turn_of(got.alignment[place])) == (matched, turn), (
+                        name,
+                        map_id,
+                    )
                 ranked = sorted(index.ids, key=lambda map_id: (-got.score[index.ids.index(map_id)], map_id))
                 assert [hit.map_id for hit in index.search(query, top=0, method=method)] == ranked
 
 
 @pytest.mark.parametrize("turns", [(0,), (2,), (1, 3), (3, 0)])
 def test_any_choice_of_turns(tmp_path, turns):
-    index = MapIndex.create(tmp_path, Parameters(matching=MatchingParameters(turns=turns, weighted=False)))
+    index = MapIndex.create(
+        tmp_path, Parameters(matching=MatchingParameters(score="intersection", turns=turns, weighted=False))
+    )
     documents = random_documents(5, "a", 12)
     index.replace("a", documents)
     wanted = Oracle(documents).scores(documents[3].text, 10, turns, False)
     for hit in index.search(documents[3].text, top=0):
-        assert (hit.score, hit.matched, hit.turn) == wanted[hit.map_id]
+        assert (hit.score, hit.matched, turn_of(hit.alignment)) == wanted[hit.map_id]
 
 
 @pytest.mark.parametrize("keypoints", [64, 65, 200])
@@ -83,19 +94,23 @@ def test_more_keypoints_of_one_word_than_a_machine_word_has_bits(tmp_path, keypo
     rng = np.random.default_rng(keypoints)
     documents = [document("a", n, random_text(rng, keypoints, span=40, words=1)) for n in range(4)]
     query = random_text(rng, keypoints, span=40, words=1)
-    index = MapIndex.create(tmp_path, Parameters(matching=MatchingParameters(weighted=False)))
+    index = MapIndex.create(
+        tmp_path, Parameters(matching=MatchingParameters(score="intersection", weighted=False))
+    )
     index.replace("a", documents)
     wanted = Oracle(documents).scores(query, 10, (0, 1, 2, 3), False)
     for hit in index.search(query, top=0):
-        assert (hit.score, hit.matched, hit.turn) == wanted[hit.map_id]
+        assert (hit.score, hit.matched, turn_of(hit.alignment)) == wanted[hit.map_id]
 
 
-def test_the_layout_does_not_change_a_bit_of_the_scores(tmp_path):
+@pytest.mark.parametrize("score", ["intersection", "agreement"])
+def test_the_layout_does_not_change_a_bit_of_the_scores(tmp_path, score):
+    parameters = Parameters(matching=MatchingParameters(score=score))
     documents = random_documents(6, "a", 40)
     query = documents[7].text
-    one = MapIndex.create(tmp_path / "one", Parameters())
+    one = MapIndex.create(tmp_path / "one", parameters)
     one.replace("a", documents)
-    many = MapIndex.create(tmp_path / "many", Parameters())
+    many = MapIndex.create(tmp_path / "many", parameters)
     many.replace("gone", random_documents(7, "gone", 4))
     for n in range(0, 40, 10):
         whoosh = many.whoosh.writer()
@@ -109,8 +124,10 @@ def test_the_layout_does_not_change_a_bit_of_the_scores(tmp_path):
     assert np.array_equal(one.scores(query).score, many.scores(query).score)
 
 
-def test_whooshs_own_search_gives_the_same_scores(tmp_path):
-    for _, index, documents in layouts(tmp_path / "index", Parameters()):
+@pytest.mark.parametrize("score", ["intersection", "agreement"])
+def test_whooshs_own_search_gives_the_same_scores(tmp_path, score):
+    parameters = Parameters(matching=MatchingParameters(score=score))
+    for _, index, documents in layouts(tmp_path / "index", parameters):
         query = documents[1].text
         with index.searcher() as searcher:
             found = {hit["map_id"]: hit.score for hit in searcher.search(MapQuery(query), limit=None)}

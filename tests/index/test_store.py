@@ -87,7 +87,7 @@ def test_hits_tell_all_but_the_text(index):
     documents = random_documents(1, "a", 6)
     index.replace("a", documents)
     hit = index.search(documents[4].text, top=1)[0]
-    assert hit.map_id == documents[4].map_id and hit.score == pytest.approx(1.0) and hit.turn == 0
+    assert hit.map_id == documents[4].map_id and hit.score == pytest.approx(1.0) and not hit.alignment.any()
     assert hit.matched == len(documents[4].text) and len(hit.document.text) == 0
     assert same(replace(hit.document, text=documents[4].text), documents[4])
 

@@ -1,0 +1,113 @@
+"""Every query looked up and judged against the ground truth, on several cores."""
+
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.evaluation.metrics import Floats, best, normalised_ranks, pose_error
+from m2t_text.evaluation.protocol import APART, RIGHT, GroundTruth
+from m2t_text.finding import find
+from m2t_text.geometry import between
+from m2t_text.index.store import MapIndex
+from m2t_text.index.weighting import Method
+from m2t_text.queries import Query
+
+METHODS: tuple[Method, ...] = ("bow", "m2t")  # the paper's two, which rank by the text alone
+CHUNK = 4  # queries that a process takes at a time
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What became of one query.
+
+    Attributes:
+        query: its number among the maps of the dataset.
+        relevant: number of maps that are relevant to it.
+        normalised_rank: by method, the mean over its relevant maps, 0...1.
+        distance: by method and for "verified", metres from its place to that of the best hit; inf without one.
+        verdict: of the verified search.
+        error: metres and radians by which the verified hit's relative pose errs; None if the hit is wrong or
+            was not aligned.
+    """
+
+    query: int
+    relevant: int
+    normalised_rank: dict[str, float]
+    distance: dict[str, float]
+    verdict: str
+    error: tuple[float, float] | None
+
+
+def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
+    """Looks up one map of an index that holds its dataset alone, in the order of the truth."""
+    document = index.document(index.ids[query])
+    relevant, irrelevant = truth.relevance(query)
+    distances = truth.distances(query)
+    rank: dict[str, float] = {}
+    distance: dict[str, float] = {}
+    for method in METHODS:
+        scores = index.scores(document.text, method).score
+        rank[method] = float(normalised_ranks(scores, relevant, irrelevant).mean())
+        hit = best(scores, relevant | irrelevant)
+        distance[method] = np.inf if hit is None else float(distances[hit])
+    # The very search of the command line, so that what is judged is what users get.
+    found = Query(document.text, document)
+    finding = find(index, found, exclude=found.excluding(APART))
+    distance["verified"] = np.inf
+    error = None
+    if finding.results:
+        first = finding.results[0]
+        hit = index.ids.index(first.hit.map_id)
+        distance["verified"] = float(distances[hit])
+        if first.pose is not None and distances[hit] <= RIGHT:
+            error = pose_error(first.pose, between(truth.poses[hit], truth.poses[query]))
+    return Judgement(query, int(relevant.sum()), rank, distance, finding.verdict, error)
+
+
+def judge_all(
+    path: Path,
+    truth: GroundTruth,
+    queries: NDArray[np.int64],
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Judgement]:
+    """The judgements of all queries, in order, by the index in a folder; the same for any number of jobs."""
+    judgements = []
+    for judgement in _judged(path, truth, queries.tolist(), jobs):
+        judgements.append(judgement)
+        if progress:
+            progress(len(judgements), len(queries))
+    return judgements
+
+
+_worker: tuple[MapIndex, GroundTruth]
+
+
+def _judged(path: Path, truth: GroundTruth, queries: list[int], jobs: int) -> Iterator[Judgement]:
+    if jobs <= 1 or len(queries) <= CHUNK:
+        index = MapIndex.open(path)
+        yield from (judge(index, truth, query) for query in queries)
+        return
+    # Processes, not threads: reading an index moves a file position that threads would share.
+    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(path, truth)) as pool:
+        yield from pool.map(_work, queries, chunksize=CHUNK)
+
+
+def _start(path: Path, truth: GroundTruth) -> None:
+    global _worker  # noqa: PLW0603 - each process opens the index once, not with every query
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the pool
+    _worker = (MapIndex.open(path), truth)
+
+
+def _work(query: int) -> Judgement:
+    return judge(*_worker, query)
+
+
+def column(judgements: list[Judgement], name: str, key: str) -> Floats:
+    """(Q,) one number of each judgement."""
+    return np.array([getattr(judgement, name)[key] for judgement in judgements])

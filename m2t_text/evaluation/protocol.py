@@ -1,0 +1,66 @@
+"""Which maps show the same place, by the ground truth, which nothing but the judge may read (paper, V-B)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.description.document import Document
+from m2t_text.evaluation.metrics import Booleans, Floats
+from m2t_text.geometry import transform
+
+NEAR = 1.0  # m between the places of maps that are relevant to each other
+APART = 10.0  # m of travel between them at least, so that they belong to different visits
+LIMITS = (1.0, 3.0)  # m; a best hit is right if its place is so near
+RIGHT = 3.0  # m; the limit at which verdicts and relative poses are judged
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Where the N maps of one dataset truly lie, in the order of their ids.
+
+    Attributes:
+        poses: (N, 3) ground-truth robot pose of each map's first scan.
+        places: (N, 2) its centre of gravity in the ground truth's frame.
+        travel: (N,) metres of travel at the middle of its run.
+    """
+
+    poses: Floats
+    places: Floats
+    travel: Floats
+
+    @classmethod
+    def of(cls, documents: Iterable[Document], poses: Floats) -> "GroundTruth":
+        """The truth about maps, from the ground-truth poses (S, 3) of all scans of their log."""
+        firsts, places, travel = [], [], []
+        for document in documents:
+            first = poses[document.first_scan]
+            firsts.append(first)
+            places.append(transform(first, document.centre_of_gravity[None])[0])
+            travel.append(document.middle)
+        return cls(np.array(firsts).reshape(-1, 3), np.array(places).reshape(-1, 2), np.array(travel))
+
+    def __len__(self) -> int:
+        return len(self.travel)
+
+    def distances(self, query: int) -> Floats:
+        """(N,) metres from the query's place to that of each map."""
+        return np.hypot(*(self.places - self.places[query]).T)
+
+    def relevance(self, query: int) -> tuple[Booleans, Booleans]:
+        """(N,) which maps are relevant to a query, and which irrelevant; those of one visit are neither."""
+        apart = np.abs(self.travel - self.travel[query]) > APART
+        near = self.distances(query) <= NEAR
+        return apart & near, apart & ~near
+
+    def queries(self) -> NDArray[np.int64]:
+        """(Q,) the maps that have a relevant map."""
+        return np.array([i for i in range(len(self)) if self.relevance(i)[0].any()], dtype=np.int64)
+
+
+def draw(queries: NDArray[np.int64], count: int | None, seed: int) -> NDArray[np.int64]:
+    """So many of the queries at random, in their order; all of them if None or if there are not more."""
+    if count is None or count >= len(queries):
+        return queries
+    return np.sort(np.random.default_rng(seed).choice(queries, count, replace=False))

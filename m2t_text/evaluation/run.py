@@ -1,0 +1,130 @@
+"""The evaluation of whole logs: each is indexed by itself, for as long as it takes, and looked up in itself."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.config import PROFILES, Parameters
+from m2t_text.errors import LogError, M2TError
+from m2t_text.evaluation.examples import Pair, examples
+from m2t_text.evaluation.judging import Judgement, judge_all
+from m2t_text.evaluation.protocol import APART, NEAR, GroundTruth, draw
+from m2t_text.index.store import MapIndex
+from m2t_text.indexing import Progress
+from m2t_text.logs import Log, dataset_name, read_log
+from m2t_text.pipeline import describe_log
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to evaluate, and how.
+
+    Attributes:
+        sources: log files with ground truth, each one dataset.
+        profile: the parameters' name.
+        queries: number of queries drawn of each dataset; None for all.
+        seed: of that draw.
+        jobs: processes.
+    """
+
+    sources: Sequence[Path]
+    profile: str = "default"
+    queries: int | None = None
+    seed: int = 0
+    jobs: int = 1
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """One dataset: its log, the truth about its maps, what became of each query, and two pairs to look at."""
+
+    log: Log
+    travel: float  # m, up to the end of the last map
+    truth: GroundTruth
+    judgements: list[Judgement]
+    pairs: list[Pair]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All datasets, in the order of their sources."""
+
+    parameters: Parameters
+    datasets: list[Evaluated]
+
+
+def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
+    """Evaluates each log by itself. Nothing is left on disk, and the same request gives the same figures.
+
+    Raises:
+        LogError: if a log cannot be read, has no ground truth, or comes to no place twice; told before any
+            query is judged.
+        M2TError: if there is no such profile, or two sources would be one dataset.
+    """
+    tell = progress or (lambda what, stage, done, of: None)
+    if request.profile not in PROFILES:
+        raise M2TError(f"no profile {request.profile!r}; there are {', '.join(PROFILES)}")
+    parameters = PROFILES[request.profile]
+    logs = [_read(source, tell) for source in _distinct(request.sources)]
+    with TemporaryDirectory(prefix="m2t-text-") as folder:
+        prepared = [
+            _prepared(log, Path(folder) / str(n), parameters, request, partial(tell, log.name))
+            for n, log in enumerate(logs)
+        ]
+        return Evaluation(parameters, [_evaluated(one, request.jobs, tell) for one in prepared])
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    log: Log
+    index: MapIndex
+    truth: GroundTruth
+    queries: NDArray[np.int64]
+
+
+def _distinct(sources: Sequence[Path]) -> Sequence[Path]:
+    names = [dataset_name(source) for source in sources]
+    for source, name in zip(sources, names, strict=True):
+        if not source.is_file():
+            wrong = "is a folder; name the logs in it" if source.is_dir() else "does not exist"
+            raise LogError(f"{str(source)!r} {wrong}; nothing was evaluated")
+        if names.count(name) > 1:
+            raise M2TError(f"{names.count(name)} sources are called {name!r}; evaluate them one by one")
+    return sources
+
+
+def _read(source: Path, tell: Progress) -> Log:
+    log = read_log(source, progress=partial(tell, dataset_name(source), "reading"))
+    if log.ground_truth is None:
+        raise LogError(
+            f"{str(source)!r} has no ground truth to judge by: name a log with corrected poses and raw odometry"
+        )
+    return log
+
+
+def _prepared(
+    log: Log, path: Path, parameters: Parameters, request: Request, tell: Callable[[str, int, int], None]
+) -> _Prepared:
+    index = MapIndex.create(path, parameters)
+    index.replace(log.name, describe_log(log, parameters, request.jobs, tell))
+    assert log.ground_truth is not None
+    truth = GroundTruth.of(index.documents(), log.ground_truth)
+    queries = truth.queries()
+    if not len(queries):
+        raise LogError(
+            f"{log.name}: none of its {len(truth)} maps lies within {NEAR:g} m of another that is more than "
+            f"{APART:g} m of travel away; name a log that comes back to places"
+        )
+    return _Prepared(log, index, truth, draw(queries, request.queries, request.seed))
+
+
+def _evaluated(one: _Prepared, jobs: int, tell: Progress) -> Evaluated:
+    judging = partial(tell, one.log.name, "judging queries")
+    judgements = judge_all(one.index.path, one.truth, one.queries, jobs, judging)
+    travel = one.index.datasets()[0].travel
+    return Evaluated(one.log, travel, one.truth, judgements, examples(one.index, one.truth, judgements))

@@ -1,0 +1,133 @@
+"""Finding a place: search by text, verify the best by their geometry, and say how sure the answer is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.geometry import compose
+from m2t_text.index.results import Hit
+from m2t_text.index.store import MapIndex
+from m2t_text.queries import Query
+from m2t_text.verification import Alignment, align, relative_pose
+
+Floats = NDArray[np.float64]
+Verdict = Literal["match", "ambiguous", "none"]
+
+VERIFIED = 30  # best hits that are aligned
+DRIFT = (
+    2.0,
+    0.04,
+)  # m, and m per metre of travel: two poses of one trajectory nearer than this may be one place
+FITS = 0.6  # inlier ratio from which a map shows the query's place, if no other does
+MARGIN = 0.05  # inlier ratio by which it must exceed that of any other place
+GRIP = 0.04  # below, the query may slide along a featureless wall
+WEAK = 0.4  # inlier ratio below which nothing fits
+
+
+@dataclass(frozen=True)
+class Found:
+    """A hit, and once it is verified how the query lies on it.
+
+    Attributes:
+        hit: as the index found it.
+        pose: (3,) the query's first-scan robot frame in the hit's first-scan robot frame; None where it was not
+            verified, or where the query has no scans.
+        inlier_ratio: of the alignment, None where it was not verified.
+        alignment: of the two texts, None where it was not verified.
+    """
+
+    hit: Hit
+    pose: Floats | None = None
+    inlier_ratio: float | None = None
+    alignment: Alignment | None = None
+
+    @property
+    def laid(self) -> Floats:
+        """(3,) pose of the query's frame in the hit's: verified, or else as the score found it."""
+        return self.alignment.pose if self.alignment else self.hit.alignment
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The answer: results, the best first, the verdict on the first, and the seconds that it took."""
+
+    results: list[Found]
+    verdict: Verdict
+    search_seconds: float
+    verify_seconds: float
+
+
+def find(
+    index: MapIndex,
+    query: Query,
+    top: int = 10,
+    exclude: tuple[str, float, float] | None = None,
+    verify: bool = True,
+) -> Finding:
+    """The maps that show the query's place.
+
+    The VERIFIED best by score are aligned with the query and ranked by inlier ratio, ties by map id; the others
+    follow in the order of their scores. Without ``verify`` the order is the scores' and the verdict never
+    ``match``.
+
+    Args:
+        top: number of results at most, 0 for all maps.
+        exclude: (dataset, travel, metres), as for `MapIndex.search`.
+    """
+    begin = perf_counter()
+    hits = index.search(query.text, max(top, VERIFIED) if top and verify else top, exclude)
+    searched = perf_counter() - begin
+    if not verify:
+        unsure: Verdict = "ambiguous" if hits and hits[0].score > 0 else "none"
+        return Finding([Found(hit) for hit in hits], unsure, searched, 0.0)
+    begin = perf_counter()
+    verified = verify_hits(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0])
+    results = verified + [Found(hit) for hit in hits[len(verified) :]]
+    return Finding(results[: top or None], verdict(verified), searched, perf_counter() - begin)
+
+
+def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
+    """The hits aligned with the query, best inlier ratio first, ties by map id."""
+    texts = [index.document(hit.map_id).text for hit in hits]
+    alignments = align(query.text, texts, index.parameters.mapping.cell)
+    found = [_found(query, hit, alignment) for hit, alignment in zip(hits, alignments, strict=True)]
+    return sorted(found, key=lambda one: (-(one.inlier_ratio or 0.0), one.hit.map_id))
+
+
+def _found(query: Query, hit: Hit, alignment: Alignment) -> Found:
+    document = query.document
+    pose = None if document is None else relative_pose(document, hit.document, alignment.pose)
+    return Found(hit, pose, alignment.inlier_ratio, alignment)
+
+
+def verdict(verified: Sequence[Found]) -> Verdict:
+    """Whether the first of the verified hits is the place: it fits, holds the pose, and no other place fits.
+
+    The thresholds are calibrated on the Radish logs, each left out in turn, and on simulated buildings.
+    """
+    if not verified or (verified[0].inlier_ratio or 0.0) < WEAK:
+        return "none"
+    best = verified[0]
+    assert best.alignment is not None and best.inlier_ratio is not None
+    rival = max((one.inlier_ratio or 0.0 for one in verified[1:] if _elsewhere(best, one)), default=0.0)
+    sure = best.inlier_ratio >= FITS and best.inlier_ratio - rival >= MARGIN and best.alignment.grip >= GRIP
+    return "match" if sure else "ambiguous"
+
+
+def _elsewhere(a: Found, b: Found) -> bool:
+    """Whether two hits place the query's viewpoint so far apart that drift cannot account for it."""
+    if a.hit.document.dataset != b.hit.document.dataset:
+        return True
+    away = np.hypot(*(_place(a) - _place(b)))
+    return bool(away > DRIFT[0] + DRIFT[1] * abs(a.hit.document.middle - b.hit.document.middle))
+
+
+def _place(one: Found) -> Floats:
+    """(2,) the query's viewpoint in the frame of the hit's dataset, according to the hit."""
+    assert one.alignment is not None
+    document = one.hit.document
+    return compose(document.pose, compose(document.viewpoint, one.alignment.pose))[:2]

@@ -1,0 +1,122 @@
+"""From a log to documents: all of them, and one run by itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from m2t_text.config import PROFILES
+from m2t_text.description.document import Document
+from m2t_text.description.text import Text
+from m2t_text.geometry import travel
+from m2t_text.logs import Log, read_log
+from m2t_text.logs.log import Scan
+from m2t_text.mapping.local_map import local_maps, run_starts
+from m2t_text.mapping.trajectory import survey
+from m2t_text.pipeline import describe, describe_at, describe_log
+
+DEFAULT = PROFILES["default"]
+RUN = DEFAULT.mapping.run_length
+LASER = np.linspace(-np.pi / 2, np.pi / 2, 91)
+
+
+def alike(one: Text, other: Text) -> float:
+    """Share of the tokens that have the same word in the other text, not more than one cell away."""
+    shares = []
+    for turn in range(4):  # the walls alone do not say which of the four directions is chosen
+        turned = one.turned(turn)
+        near = (
+            (np.abs(turned.wx[:, None] - other.wx) <= 1)
+            & (np.abs(turned.wy[:, None] - other.wy) <= 1)
+            & (turned.wa[:, None] == other.wa)
+        )
+        shares.append(float(near.any(axis=1).mean()))
+    return max(shares)
+
+
+@pytest.mark.parametrize("name", ["freiburg-101", "freiburg-079"])
+def test_a_run_by_itself_reads_as_in_the_whole_log(radish: Path, name: str) -> None:
+    log = read_log(radish / f"{name}-corrected.log.gz")
+    mapping = DEFAULT.mapping
+    whole = survey(log, mapping)
+    starts = run_starts(whole, mapping.run_length)
+    shares = []
+    for local_map in local_maps(whole, mapping, starts[:: len(starts) // 12]):
+        wanted = describe(local_map, log.name, DEFAULT)
+        alone = describe_at(log, wanted.first_scan, DEFAULT)
+        assert alone.map_id == wanted.map_id and abs(alone.last_scan - wanted.last_scan) <= 5
+        assert np.ptp(alone.travel) == pytest.approx(np.ptp(wanted.travel), abs=1.0)
+        shares.append(alike(alone.text, wanted.text))
+    assert np.median(shares) > 0.8 and min(shares) > 0.6
+
+
+def test_travel_and_pose_of_a_run_by_itself_are_those_of_the_wheels(simulated: Path) -> None:
+    log = read_log(simulated)
+    way = travel(log.odometry)
+    for scan in (0, 100):
+        alone = describe_at(log, scan, DEFAULT)
+        assert alone.travel[0] == way[scan] and RUN - 0.3 < np.ptp(alone.travel) <= RUN
+        assert np.hypot(*alone.pose[:2]) == pytest.approx(np.hypot(*(log.odometry[scan] - log.odometry[0])[:2]))
+
+
+def test_the_first_run_is_the_same_by_itself(simulated: Path) -> None:
+    log = read_log(simulated)
+    wanted = next(describe_log(log, DEFAULT))
+    alone = describe_at(log, 0, DEFAULT)
+    assert str(alone.text) == str(wanted.text) and alone.last_scan == wanted.last_scan
+    assert np.array_equal(alone.travel, wanted.travel)
+
+
+def test_a_run_at_the_end_of_a_log_is_short(simulated: Path) -> None:
+    log = read_log(simulated)
+    for back in (1, 5):
+        alone = describe_at(log, len(log.scans) - back, DEFAULT)
+        assert alone.last_scan == len(log.scans) - 1 and np.ptp(alone.travel) < RUN
+
+
+def in_a_room(poses: np.ndarray) -> Log:
+    """What a perfect robot sees at these poses (S, 3) in a room of 13 m by 6 m."""
+    scans = []
+    for pose in poses:
+        rays = np.stack([np.cos(pose[2] + LASER), np.sin(pose[2] + LASER)], axis=1)
+        with np.errstate(divide="ignore"):
+            ways = np.where(rays > 0, [10.0, 3.0] - pose[:2], [-3.0, -3.0] - pose[:2]) / rays
+        scans.append(Scan(ways.min(axis=1), LASER, pose))
+    return Log("room", tuple(scans))
+
+
+def driving(metres: float) -> np.ndarray:
+    x = np.arange(0.0, metres, 0.1)
+    return np.column_stack([x, np.zeros((len(x), 2))])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_a_robot_that_stands_or_turns_on_the_spot_for_long(turn: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does so before a run, and again in it; nothing but the run and a little before is matched."""
+    monkeypatch.setattr("m2t_text.mapping.window.SCANS_BEFORE", 50)
+    angles = turn * np.arange(100)
+    angles = np.concatenate([angles, angles[::-1]])  # back to where it looked
+    still = np.column_stack([np.zeros((200, 2)), angles])
+    first, later = driving(1.0), driving(RUN) + [1.0, 0.0, 0.0]
+    log = in_a_room(np.concatenate([still, first, still + [1.0, 0.0, 0.0], later]))
+    alone = describe_at(log, 200, DEFAULT)
+    assert len(log.scans) - 14 <= alone.last_scan <= len(log.scans) - 10
+    assert np.ptp(alone.travel) == pytest.approx(RUN, abs=0.15)
+    whole = survey(log, DEFAULT.mapping)
+    (local_map,) = local_maps(whole, DEFAULT.mapping, np.array([200]))
+    assert alike(alone.text, describe(local_map, log.name, DEFAULT).text) > 0.8
+    end = describe_at(log, len(log.scans) - 1, DEFAULT)
+    assert np.ptp(end.travel) == 0.0
+
+
+def test_any_number_of_processes_makes_the_same_documents(simulated: Path) -> None:
+    log = read_log(simulated)
+    told: list[tuple[str, int, int]] = []
+
+    def line(document: Document) -> tuple[str, str]:
+        return document.map_id, str(document.text)
+
+    one = [line(each) for each in describe_log(log, DEFAULT, 1, lambda *state: told.append(state))]
+    assert [line(each) for each in describe_log(log, DEFAULT, 2)] == one
+    scans, maps = [state for state in told if state[0] == "scans"], [state for state in told if state[0] == "maps"]
+    assert scans[-1] == ("scans", len(log.scans), len(log.scans)) and maps[-1] == ("maps", len(one), len(one))

@@ -10,7 +10,7 @@ BIN = 0.1  # m; width of a bin of the projections
 COARSE, FINE = 45, 16  # directions tried over a quarter turn, then between the neighbours of the best
 DEGREES = 90  # directions over a quarter turn at which other likely ones are looked for
 SEPARATE = np.radians(10.0)  # between two likely directions
-DEPTH = 1.0  # nats by which a likely direction's entropy may exceed the least
+DEPTH = 0.5  # nats by which a likely direction's entropy may exceed the least
 
 
 @njit(cache=True, nogil=True)

@@ -13,22 +13,33 @@ import numpy as np
 
 WORDS = 1024
 NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
+VOTERS = 32  # keypoints of one word of the query that vote, about
 CANDIDATES = 4  # views whose overlap is measured: those with most votes
 WORTH = 0.5  # of the votes of the best view, below which a view is not measured
 
 
 @numba.njit(cache=True, nogil=True)
-def _by_word(wx: Any, wa: Any, half: Any, slots: Any, used: Any, first: Any, order: Any) -> None:
-    """Sorts a view's keypoints by (word, x): those of word slot s with x' < x are order[...first[s, x]]."""
+def _voters(wx: Any, wy: Any, wa: Any, half: Any, slots: Any, used: Any, first: Any, flat: Any) -> None:
+    """Which of a view's keypoints vote: all of a rare word, every so many of a common one, in the order of x.
+
+    Those of the word in slot s with x' < x end at first[s, x] in ``flat``, which holds their flat cells.
+    """
     side = 2 * half
     key = slots[wa] * side + wx + half
-    order[:] = np.argsort(key, kind="mergesort")
-    place = 0
+    order = np.argsort(key, kind="mergesort")
+    place, kept = 0, 0
     for slot in range(used):
+        begin = place
+        count = np.count_nonzero(key < (slot + 1) * side) - begin
+        every = max(1, (count + VOTERS - 1) // VOTERS)
         for x in range(side + 1):
-            while place < len(order) and key[order[place]] < slot * side + x:
+            while place < begin + count and key[order[place]] < slot * side + x:
+                if (place - begin) % every == 0:
+                    k = order[place]
+                    flat[kept] = (wx[k] + half) * 2 * side + wy[k] + half
+                    kept += 1
                 place += 1
-            first[slot, x] = place
+            first[slot, x] = kept
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -55,7 +66,7 @@ def _vote(
     wx: Any, wy: Any, wa: Any, begin: Any, end: Any, slots: Any, first: Any, flat: Any,
     half: Any, window: Any, votes: Any,
 ) -> None:  # fmt: skip
-    """votes[offset in x, offset in y] of one map's keypoints and one view's; see `_by_word` and `agree`."""
+    """votes[offset in x, offset in y] of one map's keypoints and one view's; see `_voters` and `agree`."""
     votes[:] = 0
     side = 2 * half
     width = 2 * side
@@ -64,7 +75,7 @@ def _vote(
         if slot >= 0 and -window <= x < side + window and 0 <= y < side:
             base = (x + window) * width + y + side
             for i in range(first[slot, max(x - window, 0)], first[slot, min(x + window + 1, side)]):
-                votes[base - flat[i]] += 1
+                votes[np.uint32(base - flat[i])] += 1
 
 
 @numba.njit(cache=True, nogil=True)
@@ -93,7 +104,7 @@ def _overlap(
     query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, half: Any,
     peak: Any, best: Any,
 ) -> Any:  # fmt: skip
-    """The best overlap at a peak or next to it, as (|Q'|, |M'|, x, y), if its sum exceeds ``best``; else zeros."""
+    """The best overlap at a peak or next to it, (|Q'|, |M'|, x, y), if its sum exceeds ``best``; else zeros."""
     result = (0, 0, 0, 0)
     for step in range(9):
         at = (step + 4) % 9  # the peak itself goes first, and wins ties
@@ -118,13 +129,11 @@ def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
             slots[a] = used
             used += 1
     first = np.empty((count, used, side + 1), dtype=np.int32)
-    flat = np.empty((count, size), dtype=np.int64)
+    flat = np.empty((count, size), dtype=np.int32)
     seen = np.zeros((count, side, side), dtype=np.uint8)
-    order = np.empty(size, dtype=np.int64)
     for v in range(count):
-        _by_word(query_x[v], query_a, half, slots, used, first[v], order)
+        _voters(query_x[v], query_y[v], query_a, half, slots, used, first[v], flat[v])
         for k in range(size):
-            flat[v, k] = (query_x[v, order[k]] + half) * 2 * side + query_y[v, order[k]] + half
             _mark(seen[v], query_x[v, k], query_y[v, k], half, 1)
     return slots, first, flat, seen
 

@@ -10,7 +10,7 @@ from m2t_text.errors import TextError
 from m2t_text.geometry import transform
 
 WORDS = 1024  # size of the appearance vocabulary, K = 2^D with D = 10 rings (paper, III-B)
-POSE_LIMIT = 32767  # the largest pose word, in cells: what an int16 holds
+POSES = range(-32768, 32768)  # of the pose words, in cells: what an int16 holds; a quarter turn keeps it
 TOKEN = re.compile(r"x(-?\d{1,5})_y(-?\d{1,5})_a(\d{1,4})", re.ASCII)
 
 
@@ -31,8 +31,8 @@ class Text:
     def of(cls, wx: ArrayLike, wy: ArrayLike, wa: ArrayLike) -> "Text":
         """A text of these words in the fixed order; words out of range are a TextError."""
         x, y, a = (np.atleast_1d(np.asarray(w, dtype=np.int64)) for w in (wx, wy, wa))
-        if x.size and max(abs(x).max(), abs(y).max()) > POSE_LIMIT:
-            raise TextError(f"a pose word is over {POSE_LIMIT} cells from the viewpoint; are the units metres?")
+        if x.size and not (min(x.min(), y.min()) >= POSES[0] and max(x.max(), y.max()) <= POSES[-1]):
+            raise TextError(f"a pose word is not within {POSES[0]}…{POSES[-1]} cells; are the units metres?")
         if a.size and not (a.min() >= 0 and a.max() < WORDS):
             raise TextError(f"an appearance word is outside 0…{WORDS - 1}")
         order = np.lexsort((y, x, a))
@@ -78,10 +78,11 @@ def parse(string: str) -> Text:
     for position, token in enumerate(tokens):
         match = TOKEN.fullmatch(token)
         words[position] = [int(group) for group in match.groups()] if match else [0, 0, WORDS]
-        if match is None or words[position, 2] >= WORDS or abs(words[position, :2]).max() > POSE_LIMIT:
+        x, y, a = words[position].tolist()
+        if match is None or a >= WORDS or x not in POSES or y not in POSES:
             shown = token if len(token) <= 40 else token[:37] + "..."
             raise TextError(
                 f"token {position + 1} is {shown!r}, not x<int>_y<int>_a<int> with a word of 0…{WORDS - 1} "
-                f"and a position of at most {POSE_LIMIT} cells"
+                f"and positions of {POSES[0]}…{POSES[-1]} cells"
             )
     return Text.of(*words.T)

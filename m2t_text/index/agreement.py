@@ -88,6 +88,7 @@ def _peak(votes: Any, window: Any, width: Any, rows: Any) -> Any:
     middle = width // 2 - window
     for r in range(size):
         row = r * width + middle
+        votes[row - 1], votes[row + size] = 0, 0  # beyond the window
         for c in range(size):
             rows[r + 1, c] = votes[row + c - 1] + 2 * votes[row + c] + votes[row + c + 1]
     best, x, y = 0, 0, 0

@@ -20,8 +20,8 @@ from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
 from m2t_text.plots import Floats, Visit, plot_match, plot_overview
 
-TRAVEL = 120.0  # m; once round the building and back through its middle
-STEPS = (0.2, 0.23)  # m between scans on either drive, so that no scan repeats another
+TRAVEL = 120.0  # m of the tour on the first drive: once round the building and back through its middle
+LATER, FARTHER = 0.5, 1.5  # the second begins half way and goes that much farther: also the other way round
 APART = 2.0  # m of travel between two queries
 KNOWN = 1.0  # m; a place was visited before if a map of the first drive lies so near
 RIGHT = 3.0  # m; a hit is right if it lies so near
@@ -59,7 +59,7 @@ class DemoReport:
             f"Indexed the first drive: {self.maps} local maps as text in {folder}/index.",
             f"Looked up a place of the second drive every {APART:g} m: "
             f"{right} of {len(self.visits)} found within {RIGHT:g} m, {1000 * self.seconds:.0f} ms each.",
-            f"Drew {folder}/overview.png (all of them) and {folder}/match.png (one of them).",
+            f"Drew {folder}/overview.png (all of them) and {folder}/match.png (one that was found).",
             "",
             "Go on with",
             f"  m2t-text search {folder}/second-visit.log#{query.first_scan} --index {folder}/index",
@@ -88,14 +88,17 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
     found = [index.search(query.text, 1)[0].document for query in queries]
     seconds = (perf_counter() - begin) / len(queries)
     known = np.array([_place(first, document) for document in index.documents(first.name)])
-    looked_up = [(_place(second, query), _place(first, hit)) for query, hit in zip(queries, found, strict=True)]
-    visits = [
-        Visit(query, hit, _near(query, hit[None], RIGHT))
-        for query, hit in looked_up
-        if _near(query, known, KNOWN)
-    ]
+    visits, right = [], []
+    for query, document in zip(queries, found, strict=True):
+        place, hit = _place(second, query), _place(first, document)
+        if _near(place, known, KNOWN):
+            visits.append(Visit(place, hit, _near(place, hit[None], RIGHT)))
+            if visits[-1].right:
+                right.append(query)
     plot_overview(_walls(first), _way(first), _way(second), visits, folder / "overview.png")
-    best = search(f"{folder}/{second.name}.log#{queries[len(queries) // 2].first_scan}", index, SearchOptions())
+    drawn = right or queries
+    scan = drawn[len(drawn) // 2].first_scan
+    best = search(f"{folder}/{second.name}.log#{scan}", index, SearchOptions())
     shown = [(found, index.document(found.hit.map_id).text) for found in best.finding.results[:SHOWN]]
     tolerance = index.parameters.matching.tolerance
     plot_match(best.query.text, best.query.title, shown, tolerance, folder / "match.png")
@@ -104,12 +107,14 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
 
 def _drives(folder: Path, seed: int, progress: Progress) -> tuple[Log, Log]:
     """Both logs, as they are read back from the files that they were written to."""
+    drives = (
+        ("first-visit", Simulation(seed=seed, drive=1, travel=TRAVEL)),
+        ("second-visit", Simulation(seed=seed, drive=2, start=LATER * TRAVEL, travel=FARTHER * TRAVEL)),
+    )
     logs = []
-    for name, step in zip(("first-visit", "second-visit"), STEPS, strict=True):
+    for name, simulation in drives:
         path = folder / f"{name}.log"
-        progress(name, "simulating", 0, 1)
-        write_carmen(simulate(Simulation(seed=seed, travel=TRAVEL, step=step)), path)
-        progress(name, "simulating", 1, 1)
+        write_carmen(simulate(simulation, partial(progress, name, "simulating")), path)
         logs.append(read_log(path))
     return logs[0], logs[1]
 

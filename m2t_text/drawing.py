@@ -40,6 +40,19 @@ def draw_match(axes: Axes, query: Text, found: Text, window: int) -> int:
     return len(pairs)
 
 
+def draw_overlap(axes: Axes, query: Text, found: Text) -> int:
+    """A query laid over a map: the query's keypoints that have one of the map in their cell or the next are
+    matched; returns how many."""
+    draw_keypoints(axes, found, HIT)
+    draw_keypoints(axes, query, QUERY)
+    if not len(query) or not len(found):
+        return 0
+    distance, _ = KDTree(found.positions()).query(query.positions(), p=np.inf, distance_upper_bound=1.5)
+    matched = metres(query)[np.isfinite(distance)]
+    axes.plot(*matched.T, ".", ms=3.5, color=MATCHED, mec="none")
+    return len(matched)
+
+
 def draw_viewpoint(axes: Axes, pose: Floats, colour: str) -> None:
     """A pose as a dot with an arrow."""
     x, y, theta = pose

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 from time import perf_counter
 from typing import Literal
 
@@ -18,6 +19,7 @@ Floats = NDArray[np.float64]
 Verdict = Literal["match", "ambiguous", "none"]
 
 VERIFIED = 30  # best hits that are aligned
+SCORE_SHARE = 0.5  # of the score beside the inlier ratio, in their order
 DRIFT = (
     2.0,
     0.04,
@@ -70,9 +72,8 @@ def find(
 ) -> Finding:
     """The maps that show the query's place.
 
-    The VERIFIED best by score are aligned with the query and ranked by inlier ratio, ties by map id; the others
-    follow in the order of their scores. Without ``verify`` the order is the scores' and the verdict never
-    ``match``.
+    The VERIFIED best by score are aligned with the query and ranked anew; the others follow in the order of their
+    scores. Without ``verify`` the order is the scores' and the verdict never ``match``.
 
     Args:
         top: number of results at most, 0 for all maps.
@@ -91,11 +92,19 @@ def find(
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
-    """The hits aligned with the query, best inlier ratio first, ties by map id."""
+    """The hits aligned with the query, best first: by inlier ratio and score, ties by map id.
+
+    Both count more for large maps, as they say more: two short pieces of wall fit each other anywhere.
+    """
     texts = [index.document(hit.map_id).text for hit in hits]
     alignments = align(query.text, texts, index.parameters.mapping.cell)
-    found = [_found(query, hit, alignment) for hit, alignment in zip(hits, alignments, strict=True)]
-    return sorted(found, key=lambda one: (-(one.inlier_ratio or 0.0), one.hit.map_id))
+    weights = [log(len(query.text) + len(text)) for text in texts]
+    fits = [
+        weight * (alignment.inlier_ratio + SCORE_SHARE * hit.score)
+        for weight, alignment, hit in zip(weights, alignments, hits, strict=True)
+    ]
+    order = sorted(range(len(hits)), key=lambda k: (-fits[k], hits[k].map_id))
+    return [_found(query, hits[k], alignments[k]) for k in order]
 
 
 def _found(query: Query, hit: Hit, alignment: Alignment) -> Found:

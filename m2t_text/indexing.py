@@ -17,7 +17,8 @@ from m2t_text.errors import LogError, M2TError
 from m2t_text.index.store import MapIndex
 from m2t_text.index.writing import MapWriter
 from m2t_text.logs import Log, checked_name, dataset_name, read_log
-from m2t_text.pipeline import describe_log
+from m2t_text.mapping.trajectory import survey
+from m2t_text.pipeline import describe_survey
 
 Progress = Callable[[str, str, int, int], None]  # what, stage, done, all
 
@@ -78,13 +79,13 @@ def index_sources(request: Request, progress: Progress | None = None) -> Report:
             begin = perf_counter()
             try:
                 log = read_log(source, name, partial(tell, name, "reading"))
-                documents = _documents(log, parameters, request.jobs, partial(tell, name))
+                documents, drive = _described(log, parameters, request.jobs, partial(tell, name))
             except LogError as error:
                 report.failed.append(str(error))
                 continue
             # The index is made, and locked, not before there is something to put into it.
             writer = writer or commit.enter_context(_opened(request.index, parameters).writer())
-            writer.replace(name, documents)
+            writer.replace(name, documents, drive)
             report.indexed.append(Indexed(name, len(log.scans), perf_counter() - begin, log.warnings))
         tell("index", "writing", 0, 1)
     tell("index", "writing", 1, 1)
@@ -122,15 +123,16 @@ def _opened(path: Path, parameters: Parameters) -> MapIndex:
     return MapIndex.open(path, parameters) if exists_in(str(path)) else MapIndex.create(path, parameters)
 
 
-def _documents(
+def _described(
     log: Log, parameters: Parameters, jobs: int, tell: Callable[[str, int, int], None]
-) -> Iterator[Document]:
-    """The maps of a log; one at least, so that a log without any does not empty its dataset."""
-    documents = describe_log(log, parameters, jobs, tell)
+) -> tuple[Iterator[Document], tuple[int, float]]:
+    """The maps of a log, and its scans and travel. A log without any map must not empty its dataset."""
+    whole = survey(log, parameters.mapping, partial(tell, "scans"))
+    documents = describe_survey(whole, log.name, parameters, jobs, tell)
     first = next(documents, None)
     if first is None:
         length = parameters.mapping.run_length
         raise LogError(
             f"{log.name}: the robot travels less than the {length:g} m of one map; record a longer log"
         )
-    return chain([first], documents)
+    return chain([first], documents), (len(log.scans), float(whole.way[-1]))

@@ -112,7 +112,7 @@ def _described(
 
 
 def _start(whole: Survey, dataset: str, parameters: Parameters) -> None:
-    """Makes a process of the pool ready: it gets the survey once, not with every chunk, and ends with its parent."""
+    """Makes a process of the pool ready: it gets the survey once, and not with every chunk."""
     global _worker  # noqa: PLW0603
     _worker = (whole, dataset, parameters)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes, and one of them answers it

@@ -29,6 +29,7 @@ from m2t_text.drawing import (
     QUERY,
     draw_keypoints,
     draw_match,
+    draw_overlap,
     draw_viewpoint,
     draw_words,
     entitle,
@@ -79,7 +80,10 @@ def plot_match(query: Text, title: str, found: Sequence[tuple[Found, Text]], win
     draw_viewpoint(axes[0], np.zeros(3), QUERY)
     entitle(axes[0], f"query  {short(title)}", f"{len(query)} keypoints")
     for place, (one, (result, text)) in enumerate(zip(axes[1:], shown, strict=False)):
-        draw_match(one, laid[place], text, window)
+        if window > 1:
+            draw_match(one, laid[place], text, window)
+        else:
+            draw_overlap(one, laid[place], text)
         draw_viewpoint(one, result.laid, QUERY)
         draw_viewpoint(one, np.zeros(3), HIT)
         entitle(one, f"{place + 1}.  {short(result.hit.map_id)}", _fit(result))
@@ -91,7 +95,7 @@ def plot_match(query: Text, title: str, found: Sequence[tuple[Found, Text]], win
     marks = [
         mark(QUERY, "query"),
         mark(HIT, "map of the index"),
-        mark(MATCHED, "same word within the window", "-"),
+        mark(MATCHED, "same word within the window", "-") if window > 1 else mark(MATCHED, "both"),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     save(figure, path)

@@ -95,16 +95,16 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if scan >= len(log.scans):
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")
     document = describe_at(log, scan, context.parameters)
+    if context.index is not None and document.map_id in context.index.ids:
+        # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
+        stored = context.index.document(document.map_id)
+        return Query(document.text, replace(document, travel=stored.travel, pose=stored.pose))
     way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    if context.index is not None and document.map_id in context.index.ids:
-        # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
-        stored = context.index.document(document.map_id)
-        document = replace(document, travel=stored.travel, pose=stored.pose)
     return Query(document.text, document)
 
 

@@ -1,17 +1,18 @@
 """From a log to documents: all of them, and one run by itself."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from likeness import alike
 
 from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
-from m2t_text.description.text import Text
 from m2t_text.geometry import travel
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.log import Scan
-from m2t_text.mapping.local_map import local_maps, run_starts
+from m2t_text.mapping.local_map import Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe, describe_at, describe_log
 
@@ -20,23 +21,10 @@ RUN = DEFAULT.mapping.run_length
 LASER = np.linspace(-np.pi / 2, np.pi / 2, 91)
 
 
-def alike(one: Text, other: Text) -> float:
-    """Share of the tokens that have the same word in the other text, not more than one cell away."""
-    shares = []
-    for turn in range(4):  # the walls alone do not say which of the four directions is chosen
-        turned = one.turned(turn)
-        near = (
-            (np.abs(turned.wx[:, None] - other.wx) <= 1)
-            & (np.abs(turned.wy[:, None] - other.wy) <= 1)
-            & (turned.wa[:, None] == other.wa)
-        )
-        shares.append(float(near.any(axis=1).mean()))
-    return max(shares)
-
-
 @pytest.mark.parametrize("name", ["freiburg-101", "freiburg-079"])
 def test_a_run_by_itself_reads_as_in_the_whole_log(radish: Path, name: str) -> None:
     log = read_log(radish / f"{name}-corrected.log.gz")
+    log = replace(log, scans=log.scans[:1500])
     mapping = DEFAULT.mapping
     whole = survey(log, mapping)
     starts = run_starts(whole, mapping.run_length)
@@ -90,23 +78,36 @@ def driving(metres: float) -> np.ndarray:
     return np.column_stack([x, np.zeros((len(x), 2))])
 
 
+def ahead(poses: np.ndarray) -> np.ndarray:
+    return poses + np.array([1.0, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.3])
-def test_a_robot_that_stands_or_turns_on_the_spot_for_long(turn: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_that_stands_or_turns_on_the_spot_for_long(
+    turn: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It does so before a run, and again in it; nothing but the run and a little before is matched."""
     monkeypatch.setattr("m2t_text.mapping.window.SCANS_BEFORE", 50)
     angles = turn * np.arange(100)
     angles = np.concatenate([angles, angles[::-1]])  # back to where it looked
     still = np.column_stack([np.zeros((200, 2)), angles])
-    first, later = driving(1.0), driving(RUN) + [1.0, 0.0, 0.0]
-    log = in_a_room(np.concatenate([still, first, still + [1.0, 0.0, 0.0], later]))
+    first, later = driving(1.0), ahead(driving(RUN))
+    log = in_a_room(np.concatenate([still, first, ahead(still), later]))
     alone = describe_at(log, 200, DEFAULT)
-    assert len(log.scans) - 14 <= alone.last_scan <= len(log.scans) - 10
+    assert abs(alone.last_scan - (len(log.scans) - 11)) <= 1
     assert np.ptp(alone.travel) == pytest.approx(RUN, abs=0.15)
     whole = survey(log, DEFAULT.mapping)
     (local_map,) = local_maps(whole, DEFAULT.mapping, np.array([200]))
-    assert alike(alone.text, describe(local_map, log.name, DEFAULT).text) > 0.8
+    assert alike(alone.text, describe(local_map, log.name, DEFAULT).text) > 0.6
     end = describe_at(log, len(log.scans) - 1, DEFAULT)
     assert np.ptp(end.travel) == 0.0
+
+
+def test_a_robot_does_not_travel_while_it_stands_or_turns() -> None:
+    rng = np.random.default_rng(0)
+    still = rng.normal(0.0, 0.005, (1000, 3)) + np.outer(np.arange(1000), [0.0, 0.0, 0.1])
+    way = Survey(np.empty((0, 2)), np.zeros(1, dtype=np.int64), np.concatenate([still, driving(2.0)])).way
+    assert way[:1000].max() == 0.0 and way[-1] == pytest.approx(1.9, abs=0.02)
 
 
 def test_any_number_of_processes_makes_the_same_documents(simulated: Path) -> None:
@@ -118,5 +119,5 @@ def test_any_number_of_processes_makes_the_same_documents(simulated: Path) -> No
 
     one = [line(each) for each in describe_log(log, DEFAULT, 1, lambda *state: told.append(state))]
     assert [line(each) for each in describe_log(log, DEFAULT, 2)] == one
-    scans, maps = [state for state in told if state[0] == "scans"], [state for state in told if state[0] == "maps"]
-    assert scans[-1] == ("scans", len(log.scans), len(log.scans)) and maps[-1] == ("maps", len(one), len(one))
+    for stage, count in (("scans", len(log.scans)), ("maps", len(one))):
+        assert [state for state in told if state[0] == stage][-1] == (stage, count, count)

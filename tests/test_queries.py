@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from likeness import alike
 
 from m2t_text.config import PROFILES
 from m2t_text.description.text import Text
@@ -42,8 +43,7 @@ def test_a_scan_of_an_indexed_log_knows_its_travel(context: Context, simulated: 
     stored = context.index.document("drive/000040")
     assert query.document is not None and query.document.map_id == "drive/000040"
     assert query.excluding(10.0) == ("drive", stored.middle, 10.0)
-    shared = set(str(query.text).split()) & set(str(stored.text).split())
-    assert len(shared) > 0.5 * len(stored.text)  # described by itself it may differ a little
+    assert alike(query.text, stored.text) > 0.6  # described by itself it may differ a little
 
 
 def test_metres_are_those_that_the_index_shows(context: Context, simulated: Path) -> None:
@@ -111,7 +111,7 @@ def test_no_standard_input_is_told(
         ("LOG@nan", "does not end in metres"),
         ("LOG#1.5", "does not end in the number of a scan"),
         ("LOG#99999", r"the log has \d+ scans, #0 to #\d+"),
-        ("LOG#LAST", "a map takes 3 m of travel, and the log ends 0.00 m after scan"),
+        ("LOG#LAST", r"a map takes \d m of travel, and the log ends 0.00 m after scan"),
         ("LOG@4000", r"drive@4000: the log's last map begins after \d+\.\d\d m, at scan #\d+"),
     ],
 )

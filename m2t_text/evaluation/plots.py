@@ -5,9 +5,10 @@ from math import ceil
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from m2t_text.drawing import (
@@ -35,6 +36,7 @@ from m2t_text.plots import save, short
 
 ANYWHERE = 1 << 14  # cells; no keypoint lies farther from another: a bag of words
 WALL_RANGE, WALL_CELL = 10.0, 0.1  # m; which hits are drawn, and how far apart
+RANK = ListedColormap(colormaps["turbo"](np.linspace(0.12, 0.92, 256)))  # its ends are both dark
 METHODS = (("bow", "BoW", FIRST, ANYWHERE), ("m2t", "M2T", MATCHED, None))
 
 
@@ -88,14 +90,14 @@ def map_figure(evaluated: Evaluated) -> Figure:
     order = np.argsort(ranks)  # the worst on top: they are what one looks for
     colours = Normalize(0, 50)
     x, y = places[order].T
-    axes.scatter(x, y, c=ranks[order], cmap="turbo", norm=colours, s=20, lw=0.4, edgecolors="white", zorder=4)
+    axes.scatter(x, y, c=ranks[order], cmap=RANK, norm=colours, s=20, lw=0.4, edgecolors="white", zorder=4)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     entitle(
         axes, short(evaluated.log.name, 60), f"{len(ranks)} queries, mean normalised rank {ranks.mean():.1f} %"
     )
     make_metric(axes)
     figure.colorbar(
-        ScalarMappable(colours, "turbo"),
+        ScalarMappable(colours, RANK),
         ax=axes,
         extend="max",
         shrink=0.7,

@@ -13,8 +13,8 @@ import numpy as np
 
 WORDS = 1024
 NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
-VOTERS = 32  # keypoints of one word of the query that vote, about
-CANDIDATES = 4  # views whose overlap is measured: those with most votes
+VOTERS = 48  # keypoints of one word of the query that vote, about
+CANDIDATES = 4  # views whose overlap is measured, those with most votes; the best is then moved by a cell
 WORTH = 0.5  # of the votes of the best view, below which a view is not measured
 
 
@@ -31,7 +31,7 @@ def _voters(wx: Any, wy: Any, wa: Any, half: Any, slots: Any, used: Any, first: 
     for slot in range(used):
         begin = place
         count = np.count_nonzero(key < (slot + 1) * side) - begin
-        every = max(1, (count + VOTERS - 1) // VOTERS)
+        every = 1 + (count - 1) // VOTERS
         for x in range(side + 1):
             while place < begin + count and key[order[place]] < slot * side + x:
                 if (place - begin) % every == 0:
@@ -103,19 +103,12 @@ def _peak(votes: Any, window: Any, width: Any, rows: Any) -> Any:
 @numba.njit(cache=True, nogil=True)
 def _overlap(
     query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, half: Any,
-    peak: Any, best: Any,
+    dx: Any, dy: Any,
 ) -> Any:  # fmt: skip
-    """The best overlap at a peak or next to it, (|Q'|, |M'|, x, y), if its sum exceeds ``best``; else zeros."""
-    result = (0, 0, 0, 0)
-    for step in range(9):
-        at = (step + 4) % 9  # the peak itself goes first, and wins ties
-        dx, dy = peak[1] + at // 3 - 1, peak[2] + at % 3 - 1
-        here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
-        there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
-        if here + there > best:
-            best = here + there
-            result = (here, there, dx, dy)
-    return result
+    """|Q'|, |M'| of a view moved by (dx, dy) and of a map: keypoints with one of the other no farther than NEAR."""
+    here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
+    there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
+    return here, there
 
 
 @numba.njit(cache=True, nogil=True)
@@ -167,16 +160,29 @@ def agree(
         for v in range(len(query_x)):
             _vote(wx, wy, wa, low, high, slots, first[v], flat[v], half, window, votes)
             peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side, rows)
-        least = max(WORTH * peaks[:, 0].max(), 1)
+        most = peaks[:, 0].max()
+        if most == 0:
+            continue
         for k in range(low, high):
             _mark(drawn, wx[k], wy[k], half, 1)
+        best = -1
         for v in np.argsort(-peaks[:, 0], kind="mergesort")[:CANDIDATES]:
-            if peaks[v, 0] >= least:
-                here, there, dx, dy = _overlap(
-                    query_x[v], query_y[v], seen[v], wx, wy, low, high, drawn, half, peaks[v], both[document]
+            if peaks[v, 0] >= WORTH * most:
+                here, there = _overlap(
+                    query_x[v], query_y[v], seen[v], wx, wy, low, high, drawn, half, peaks[v, 1], peaks[v, 2]
                 )
-                if here + there > 0:
+                if best < 0 or here + there > both[document]:
+                    best = v
                     both[document], matched[document] = here + there, min(here, there)
-                    found[document, 0], found[document, 1], found[document, 2] = v, dx, dy
+                    found[document] = peaks[v]
+                    found[document, 0] = v
+        for step in range(9):
+            dx, dy = peaks[best, 1] + step // 3 - 1, peaks[best, 2] + step % 3 - 1
+            here, there = _overlap(
+                query_x[best], query_y[best], seen[best], wx, wy, low, high, drawn, half, dx, dy
+            )
+            if here + there > both[document]:
+                both[document], matched[document] = here + there, min(here, there)
+                found[document, 1], found[document, 2] = dx, dy
         for k in range(low, high):
             _mark(drawn, wx[k], wy[k], half, 0)

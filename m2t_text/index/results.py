@@ -33,7 +33,7 @@ class Hit:
 
 @dataclass(frozen=True)
 class DatasetSummary:
-    """Of one dataset: number of maps, number of scans up to the last one in a map, metres of travel."""
+    """Of one dataset: number of maps; scans and metres of travel of its whole log."""
 
     name: str
     maps: int

@@ -58,12 +58,14 @@ class TextField(PlainField):
         version: FORMAT_VERSION of the writer. It and the parameters are part of the index's table of contents,
             so that they change with the maps in one step, or not at all.
         stored_parameters: of the profile that the texts were made with, as JSON.
+        drives: (scans, metres of travel) of each dataset's whole log, which its maps alone do not tell.
     """
 
     def __init__(self, parameters: Parameters) -> None:
         super().__init__(KeypointColumn())
         self.version = FORMAT_VERSION
         self.stored_parameters = to_json(parameters)
+        self.drives: dict[str, tuple[int, float]] = {}
 
     @property
     def parameters(self) -> Parameters:

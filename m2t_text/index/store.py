@@ -86,10 +86,10 @@ class MapIndex:
             if not whoosh.is_closed:
                 whoosh.cancel()
 
-    def replace(self, name: str, documents: Iterable[Document]) -> None:
-        """These documents instead of all that the dataset had, in one commit."""
+    def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
+        """These documents instead of all that the dataset had, in one commit; see `MapWriter.replace`."""
         with self.writer() as writer:
-            writer.replace(name, documents)
+            writer.replace(name, documents, drive)
 
     def optimize(self) -> None:
         """Merges all segments into one."""
@@ -121,13 +121,9 @@ class MapIndex:
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""
         state = self._current()
-        last = state.column("last_scan")
-        summaries = []
-        for name in np.unique(state.datasets).tolist():
-            places = np.flatnonzero(state.datasets == name)
-            latest = state.read(int(places[last[places].argmax()]))
-            summaries.append(DatasetSummary(name, len(places), latest.last_scan + 1, float(latest.travel[1])))
-        return summaries
+        drives = state.searcher.schema["text"].drives
+        names, maps = np.unique(state.datasets, return_counts=True)
+        return [DatasetSummary(name, int(n), *drives[name]) for name, n in zip(names, maps, strict=True)]
 
     def info(self) -> IndexInfo:
         """What the index holds and takes."""

@@ -23,16 +23,23 @@ class MapWriter:
         self._whoosh = whoosh
         self._path = path
         self._replaced: set[str] = set()
+        self._drives = whoosh.schema["text"].drives  # written with the table of contents, if it is
         self.optimize = False
 
-    def replace(self, name: str, documents: Iterable[Document]) -> None:
+    def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had.
+
+        Args:
+            name: of the dataset.
+            documents: taken one by one.
+            drive: scans and metres of travel of the whole log; None to count up to the end of the last map.
 
         Raises:
             MapIndexError: if a document cannot be kept, or the dataset is replaced twice in one commit.
         """
         self.remove(name)
         seen: set[int] = set()
+        scans, metres = drive or (0, 0.0)
         for document in documents:
             check(document, name)
             if document.first_scan in seen:
@@ -42,12 +49,17 @@ class MapWriter:
                 self._whoosh.add_document(**to_fields(document))
             except OSError as error:
                 raise refused(self._path, error) from error
+            if drive is None:
+                scans, metres = max(scans, document.last_scan + 1), max(metres, float(document.travel[1]))
+        if seen:
+            self._drives[name] = (int(scans), float(metres))
 
     def remove(self, name: str) -> None:
         """Removes all maps of a dataset."""
         if name in self._replaced:  # Whoosh cannot delete what is not committed yet
             raise MapIndexError(f"dataset {name!r} is replaced twice in one commit")
         self._replaced.add(name)
+        self._drives.pop(name, None)
         self._whoosh.delete_by_query(Term("dataset", name))
 
     def commit(self) -> None:

@@ -10,7 +10,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Segments = list[tuple[float, float, float, float]]
+Segment = tuple[float, float, float, float]
+Segments = list[Segment]
 
 SHORTEST = 24.0  # building that has room for all of it
 SOUTH, NORTH = 6.0, 16.0  # centre lines of the long corridors
@@ -24,10 +25,27 @@ OFFICE = 3.4  # width of the rooms that repeat
 
 @dataclass(frozen=True)
 class Building:
-    """Walls as segments (W, 4) ``x1 y1 x2 y2``, and the corners (K, 2) of a tour that hits none of them."""
+    """Segments are ``x1 y1 x2 y2``.
+
+    Attributes:
+        walls: (W, 4) all that never changes, furniture too.
+        doors: (D, 2, 4) doors, each as it stands on most days and as it stands on others: open or closed.
+        tour: (K, 2) corners of a tour that hits none of these.
+    """
 
     walls: Floats
+    doors: Floats
     tour: Floats
+
+
+@dataclass(frozen=True)
+class Door:
+    """A door whose centre lies at ``u``: is it open on most days, and its leaf on those and on others."""
+
+    u: float
+    is_open: bool
+    usual: Segment
+    other: Segment
 
 
 @dataclass(frozen=True)
@@ -36,7 +54,7 @@ class Room:
 
     width: float
     walls: Segments
-    door: float | None  # u of the door's centre, if it is open
+    door: Door | None
 
 
 def build(rng: Generator, length: float) -> Building:
@@ -45,7 +63,7 @@ def build(rng: Generator, length: float) -> Building:
     office = _room(rng, OFFICE, INNER, is_open=True)
     west, east = (2 * HALF, middle - HALF), (middle + HALF, length - 2 * HALF)
     walls: Segments = []
-    doors = {}
+    doors: dict[str, list[Door]] = {}
     for name, span, front, side, depth in (
         ("south", (0.0, length), SOUTH - HALF, -1.0, OUTER),
         ("north", (0.0, length), NORTH + HALF, 1.0, OUTER),
@@ -62,16 +80,21 @@ def build(rng: Generator, length: float) -> Building:
         if rng.random() < 0.7:  # a cupboard, radiator or column in the short corridor
             inside = 1.0 if x in (0.0, west[1], east[1]) else -1.0
             y, deep, long = rng.uniform(8.5, 12.5), rng.uniform(0.15, 0.4), rng.uniform(0.3, 1.5)
-            walls += _box(x + inside * deep / 2, y, deep, long)
-    return Building(np.array(walls), _tour(doors, middle, length))
+            walls += box(x + inside * deep / 2, y, deep, long)
+    tour = _tour(doors, middle, length)
+    every = [door for row in doors.values() for door in row]
+    passed = [door for door in every if np.abs(tour[:, 0] - door.u).min() < DOOR]
+    walls += [door.usual for door in passed]
+    free = [(door.usual, door.other) for door in every if door not in passed]
+    return Building(np.array(walls), np.array(free).reshape(-1, 2, 4), tour)
 
 
 def _row(
     rng: Generator, span: tuple[float, float], front: float, side: float, depth: float, office: Room
-) -> tuple[Segments, list[float]]:
-    """Rooms along one side of a corridor: their walls, and the x of the doors that are open."""
+) -> tuple[Segments, list[Door]]:
+    """Rooms along one side of a corridor: their walls and their doors."""
     walls: Segments = []
-    doors = []
+    doors: list[Door] = []
     x, end = span
     while end - x > 0.5:
         left = end - x
@@ -82,9 +105,15 @@ def _row(
         else:
             width = left if left < 6.5 else rng.uniform(2.8, min(6.5, left - 3.0))
             room = _room(rng, width, depth, is_open=rng.random() < 0.75)
-        walls += [(x + a, front + side * b, x + c, front + side * d) for a, b, c, d in room.walls]
+
+        def placed(segment: Segment, x: float = x) -> Segment:
+            a, b, c, d = segment
+            return (x + a, front + side * b, x + c, front + side * d)
+
+        walls += map(placed, room.walls)
         if room.door is not None:
-            doors.append(x + room.door)
+            door = room.door
+            doors.append(Door(x + door.u, door.is_open, placed(door.usual), placed(door.other)))
         x += room.width
     return walls, doors
 
@@ -104,18 +133,17 @@ def _room(rng: Generator, width: float, depth: float, is_open: bool) -> Room:
         ],
         *[(a, 0.0, a, 2 * WALL), (b, 0.0, b, 2 * WALL)],
     ]
+    opened, closed = (a, 2 * WALL, a, 2 * WALL + 0.9), (a, 1.5 * WALL, b, 1.5 * WALL)
     if is_open:
         hinge, out = (a, -1.0) if rng.random() < 0.5 else (b, 1.0)
         swing = rng.uniform(0.0, 0.25)
-        reach = 0.9 * np.array([out * np.sin(swing), np.cos(swing)])
-        walls.append((hinge, 2 * WALL, hinge + reach[0], 2 * WALL + reach[1]))
-    else:
-        walls.append((a, 1.5 * WALL, b, 1.5 * WALL))
+        opened = (hinge, 2 * WALL, hinge + 0.9 * out * np.sin(swing), 2 * WALL + 0.9 * np.cos(swing))
     walls += _furniture(rng, width, depth, door)
     if rng.random() < 0.35 and a > 1.6:  # a locker, bin or column stands in front of the room
         deep, long = rng.uniform(0.15, 0.4), rng.uniform(0.3, 1.2)
-        walls += _box(rng.uniform(long / 2, a - long / 2), -deep / 2, long, deep)
-    return Room(width, walls, door if is_open else None)
+        walls += box(rng.uniform(long / 2, a - long / 2), -deep / 2, long, deep)
+    usual, other = (opened, closed) if is_open else (closed, opened)
+    return Room(width, walls, Door(door, is_open, usual, other))
 
 
 def _furniture(rng: Generator, width: float, depth: float, door: float) -> Segments:
@@ -126,17 +154,17 @@ def _furniture(rng: Generator, width: float, depth: float, door: float) -> Segme
         while v < depth - 1.2:
             long, deep = rng.uniform(0.5, 1.7), rng.uniform(0.3, 0.8)
             if deep < free and v + long < depth - 0.6:
-                walls += _box(wall + sign * deep / 2, v + long / 2, deep, long)
+                walls += box(wall + sign * deep / 2, v + long / 2, deep, long)
             v += long + rng.uniform(0.2, 1.5)
     u = rng.uniform(0.9, 1.5)
     while u < width - 1.5:
         long = min(rng.uniform(0.6, 1.8), width - 0.9 - u)
         deep = rng.uniform(0.3, 0.5)
-        walls += _box(u + long / 2, depth - WALL - deep / 2, long, deep)
+        walls += box(u + long / 2, depth - WALL - deep / 2, long, deep)
         u += long + rng.uniform(0.3, 2.0)
     for free, middle in ((door - LANE, door - LANE - 0.8), (width - door - LANE, door + LANE + 0.8)):
         if free > 2.4:
-            walls += _box(
+            walls += box(
                 middle,
                 rng.uniform(1.8, depth - 1.8),
                 rng.uniform(0.6, 1.0),
@@ -151,7 +179,7 @@ def _alcove(rng: Generator) -> Room:
     return Room(width, [(0.0, 0.0, 0.0, depth), (0.0, depth, width, depth), (width, depth, width, 0.0)], None)
 
 
-def _box(u: float, v: float, width: float, depth: float, turn: float = 0.0) -> Segments:
+def box(u: float, v: float, width: float, depth: float, turn: float = 0.0) -> Segments:
     """The four sides of a rectangle about (u, v)."""
     c, s = float(np.cos(turn)), float(np.sin(turn))
     corners = [
@@ -166,13 +194,14 @@ def _box(u: float, v: float, width: float, depth: float, turn: float = 0.0) -> S
     return [(*corners[k - 1], *corners[k]) for k in range(4)]
 
 
-def _tour(doors: dict[str, list[float]], middle: float, length: float) -> Floats:
+def _tour(doors: dict[str, list[Door]], middle: float, length: float) -> Floats:
     """Round the building once, back through the middle, then round the other way; into rooms on the way."""
 
     def visit(row: str, nearest: float, y: float, depth: float) -> list[tuple[float, float]]:
-        if not doors[row]:
+        centres = [door.u for door in doors[row] if door.is_open]
+        if not centres:
             return []
-        x = min(doors[row], key=lambda door: abs(door - nearest))
+        x = min(centres, key=lambda u: abs(u - nearest))
         return [(x, y), (x, y + depth), (x, y)]
 
     deep, shallow = HALF + 2.8, HALF + 1.8

@@ -1,18 +1,20 @@
 """Local maps: for every scan, what the robot saw on the next 3 m of its way (paper, IV-A)."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.config import MappingParameters
-from m2t_text.geometry import between, travel, wrap
+from m2t_text.geometry import between, wrap
 
 Floats = NDArray[np.float64]
 
-STILL = (0.05, np.radians(2.0))  # a scan that moved less, in metres and radians, adds nothing to a map
+STILL = (0.05, np.radians(2.0))  # m and rad; scan matching finds small motion even where there is none
 
 
 @dataclass(frozen=True)
@@ -50,22 +52,50 @@ class Survey:
     starts: NDArray[np.int64]
     trajectory: Floats
 
+    @cached_property
+    def way(self) -> Floats:
+        """(S,) metres travelled up to each scan."""
+        return np.fromiter(travelled(self.trajectory), float, len(self.trajectory))
+
+    @cached_property
+    def moved(self) -> NDArray[np.bool_]:
+        """(S,) which scans moved since the last one that did; the others add nothing to a map."""
+        moved = np.zeros(len(self.trajectory), dtype=bool)
+        last = None
+        for i, pose in enumerate(self.trajectory):
+            if last is None or _apart(last, pose) >= STILL[0] or abs(wrap(pose[2] - last[2])) >= STILL[1]:
+                moved[i], last = True, pose
+        return moved
+
+
+def travelled(poses: Iterable[Floats]) -> Iterator[float]:
+    """Metres travelled up to each pose (3,). A robot that stands or turns on the spot does not travel."""
+    last, gone = None, 0.0
+    for pose in poses:
+        step = 0.0 if last is None else _apart(last, pose)
+        if last is None or step >= STILL[0]:
+            last, gone = pose, gone + step
+        yield gone
+
+
+def _apart(a: Floats, b: Floats) -> float:
+    return math.hypot(b[0] - a[0], b[1] - a[1])
+
 
 def run_starts(survey: Survey, run_length: float) -> NDArray[np.int64]:
     """Indices of the scans after which the robot travelled at least ``run_length`` metres."""
-    way = travel(survey.trajectory)
-    return np.flatnonzero(way[-1] - way >= run_length)
+    return np.flatnonzero(survey.way[-1:] - survey.way >= run_length)
 
 
 def local_maps(
     survey: Survey, parameters: MappingParameters, starts: NDArray[np.int64] | None = None
 ) -> Iterator[LocalMap]:
     """The local maps that begin at the scans ``starts``; without it, one for every complete run."""
-    way = travel(survey.trajectory)
-    moved = _moved(survey.trajectory)
+    way = survey.way
     for first in run_starts(survey, parameters.run_length) if starts is None else starts:
-        last = int(np.searchsorted(way, way[first] + parameters.run_length, side="right")) - 1
-        run = first + np.flatnonzero(moved[first : last + 1])
+        # The run ends with the scan that completes its length; a run cut short would move the viewpoint.
+        last = min(int(np.searchsorted(way, way[first] + parameters.run_length)), len(way) - 1)
+        run = first + np.flatnonzero(survey.moved[first : last + 1])
         if not len(run) or run[0] != first:
             run = np.concatenate([[first], run])
         poses = between(survey.trajectory[first], survey.trajectory[run])
@@ -77,16 +107,6 @@ def local_maps(
             travel=way[[first, last]],
             pose=survey.trajectory[first],
         )
-
-
-def _moved(trajectory: Floats) -> NDArray[np.bool_]:
-    """Which scans moved since the last one that did, so that standing still costs nothing."""
-    moved = np.zeros(len(trajectory), dtype=bool)
-    last = None
-    for i, pose in enumerate(trajectory):
-        if last is None or np.hypot(*(pose - last)[:2]) >= STILL[0] or abs(wrap(pose[2] - last[2])) >= STILL[1]:
-            moved[i], last = True, pose
-    return moved
 
 
 @njit(cache=True, nogil=True)

@@ -1,6 +1,7 @@
 """A run matched by itself: only the part of a log that one local map needs."""
 
 from dataclasses import replace
+from itertools import islice, tee
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from m2t_text.config import MappingParameters
 from m2t_text.geometry import between, travel
 from m2t_text.logs.log import Log
-from m2t_text.mapping.local_map import LocalMap, Survey, local_maps
+from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, travelled
 from m2t_text.mapping.trajectory import REFERENCE, hits, refined_poses
 
 Floats = NDArray[np.float64]
@@ -44,11 +45,10 @@ def local_map_at(log: Log, scan: int, parameters: MappingParameters) -> LocalMap
 
 def _until(log: Log, first: int, run_length: float) -> Floats:
     """Refined poses (K, 3) of a log up to the one that lies more than a run's length after scan ``first``."""
-    poses: list[Floats] = []
-    gone = 0.0
-    for scan, pose in enumerate(refined_poses(log)):
-        if scan > first:
-            gone += float(np.hypot(*(pose - poses[-1])[:2]))
+    matched = refined_poses(log)
+    poses = list(islice(matched, first))
+    run, again = tee(matched)
+    for pose, gone in zip(run, travelled(again), strict=True):
         poses.append(pose)
         if gone > run_length:
             break

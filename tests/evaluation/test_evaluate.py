@@ -31,6 +31,21 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def unusable(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Logs that cannot be evaluated, by name."""
+    folder = tmp_path_factory.mktemp("unusable")
+    once = simulate(Simulation(seed=5, length=24.0, travel=12.0))
+    logs = {
+        "once.log": once,
+        "blind.log": replace(once, ground_truth=None),
+        "short.log": simulate(Simulation(seed=5, length=24.0, travel=2.0, step=0.05)),
+    }
+    for name, log in logs.items():
+        write_carmen(log, folder / name)
+    return {name: folder / name for name in logs}
+
+
+@pytest.fixture(scope="module")
 def evaluation(loop: Path) -> Evaluation:
     return evaluate(Request([loop], queries=40))
 
@@ -198,17 +213,16 @@ def test_pictures(call: Call, loop: Path) -> None:
         (["LOG", "--seed", "-1"], "--seed"),
         (["LOG", "--jobs", "0"], "--jobs"),
         (["LOG", "LOG"], "2 sources are called 'fr079-simulated'"),
-        (["LOG", "--plot", "blind.log"], "cannot make the folder 'blind.log'"),
-        (["LOG", "blind.log"], "'blind.log' has no ground truth to judge by"),
+        (["LOG", "--plot", "blind.log"], "cannot make the folder"),
+        (["LOG", "blind.log"], "blind.log' has no ground truth to judge by"),
         (["once.log"], "name a log that comes back to places"),
         (["short.log"], "name a log that comes back to places"),
     ],
 )
-def test_a_wrong_call_gets_one_line(call: Call, loop: Path, arguments: list[str], message: str) -> None:
-    once = simulate(Simulation(seed=5, length=24.0, travel=12.0, step=0.25))
-    write_carmen(once, Path("once.log"))
-    write_carmen(replace(once, ground_truth=None), Path("blind.log"))
-    write_carmen(replace(once, scans=once.scans[:12], ground_truth=once.ground_truth[:12]), Path("short.log"))
-    status, out, err = call("evaluate", *(loop if argument == "LOG" else argument for argument in arguments))
+def test_a_wrong_call_gets_one_line(
+    call: Call, loop: Path, unusable: dict[str, Path], arguments: list[str], message: str
+) -> None:
+    logs = unusable | {"LOG": loop}
+    status, out, err = call("evaluate", *(logs.get(argument, argument) for argument in arguments))
     assert (status, out) == (2, "") and message in err
     assert err.startswith("m2t-text: ") and err.count("\n") == 1

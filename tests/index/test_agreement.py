@@ -35,7 +35,7 @@ def slow(query: Text, found: Text, window: int) -> tuple[int, int, tuple[int, in
     ]
     x, y = offsets[int(np.argmax(votes))]
     best = (0, 0, (0, 0))
-    for k in (4, 5, 6, 7, 8, 0, 1, 2, 3):  # the peak itself first
+    for k in (4, *range(9)):  # the peak itself first
         dx, dy = k // 3 - 1, k % 3 - 1
         near = np.abs(m[None] - (q + np.array([x + dx, y + dy]))[:, None]).max(axis=2) <= 1
         here, there = int(near.any(axis=1).sum()), int(near.any(axis=0).sum())

@@ -83,6 +83,32 @@ def test_datasets_and_info(index):
     assert info.parameters == Parameters()
 
 
+def drives(index: MapIndex) -> dict[str, tuple[int, float]]:
+    return {each.name: (each.scans, each.travel) for each in index.datasets()}
+
+
+def test_scans_and_travel_are_those_of_the_whole_log(index):
+    for name in "ab":
+        index.replace(name, random_documents(1, name, 3), (100, 25.5))
+    reader = MapIndex.open(index.path)
+    assert drives(reader) == {"a": (100, 25.5), "b": (100, 25.5)}
+    with pytest.raises(ZeroDivisionError), index.writer() as writer:
+        writer.replace("a", random_documents(2, "a", 3), (7, 7.0))
+        raise ZeroDivisionError
+    assert drives(index) == {"a": (100, 25.5), "b": (100, 25.5)}
+    with index.writer() as writer:
+        writer.replace("a", random_documents(2, "a", 3), (50, 12.0))
+        writer.remove("b")
+        writer.replace("c", random_documents(1, "c", 3))
+        assert drives(reader) == {"a": (100, 25.5), "b": (100, 25.5)}
+    index.optimize()
+    assert drives(reader) == drives(index) == {"a": (50, 12.0), "c": (10, 4.0)}
+    index.replace("a", [])
+    assert drives(MapIndex.open(index.path)) == {"c": (10, 4.0)}
+    index.replace("c", [])
+    assert drives(MapIndex.open(index.path)) == {}
+
+
 def test_hits_tell_all_but_the_text(index):
     documents = random_documents(1, "a", 6)
     index.replace("a", documents)

@@ -5,12 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from m2t_text.errors import LogError
-from m2t_text.geometry import between, compose, travel, wrap
+from m2t_text.geometry import between, compose, transform, travel, wrap
 from m2t_text.logs import Log, read_log
+from m2t_text.logs.building import build
 from m2t_text.logs.carmen import half_circle
-from m2t_text.logs.simulator import Simulation, cast, simulate, write_carmen
+from m2t_text.logs.raycast import cast
+from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.mapping.trajectory import scan_points
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +62,73 @@ def test_the_same_seed_makes_the_same_log_and_another_another() -> None:
     assert all(np.array_equal(a.ranges, b.ranges) for a, b in zip(first.scans, again.scans, strict=True))
     assert np.array_equal(first.odometry, again.odometry)
     assert not np.allclose(first.scans[0].ranges, other.scans[0].ranges)
+
+
+def test_drives_differ_in_all_but_the_building() -> None:
+    clean = Simulation(travel=30.0, range_noise=0.0, dropout=0.0, people=0, doors=0)
+    one, other = simulate(clean), simulate(replace(clean, drive=1))
+    assert one.ground_truth is not None and other.ground_truth is not None
+    apart = np.hypot(*(one.ground_truth[:, None, :2] - other.ground_truth[:, :2]).transpose(2, 0, 1)).min(
+        axis=1
+    )
+    assert apart.max() > 0.15 and np.median(apart) < 0.3
+    turns = [np.abs(between(log.ground_truth[:-1], log.ground_truth[1:])[:, 2]).max() for log in (one, other)]
+    assert abs(turns[0] - turns[1]) > 0.005
+    seen = [hits(log) for log in (one, other)]
+    assert distances(*seen).max() < 1.0 and (distances(*seen) < 0.1).mean() > 0.95
+
+
+def hits(log: Log) -> np.ndarray:
+    """(N, 2) what all beams of a drive truly met within 8 m."""
+    lasers = compose(log.ground_truth, log.laser_pose)
+    return np.concatenate(
+        [
+            transform(pose, scan_points(scan, np.zeros(3), 8.0))
+            for pose, scan in zip(lasers, log.scans, strict=True)
+        ]
+    )
+
+
+def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    return cKDTree(others).query(points)[0]
+
+
+def test_part_of_the_tour_can_be_driven_backwards() -> None:
+    there = Simulation(start=20.0, travel=25.0, people=0)
+    ways = [simulate(replace(there, backwards=back)).ground_truth for back in (False, True)]
+    for way in ways:
+        assert travel(way)[-1] == pytest.approx(25.0, abs=3.0)
+    assert np.hypot(*(ways[0][0] - ways[1][-1])[:2]) < 1.0 and np.hypot(*(ways[0][-1] - ways[1][0])[:2]) < 1.0
+    begin = simulate(Simulation(travel=20.0, people=0)).ground_truth
+    assert np.hypot(*(begin[-1] - ways[0][0])[:2]) < 1.0
+
+
+def test_doors_that_the_tour_passes_stay_open_and_others_change() -> None:
+    for seed in range(5):
+        building = build(np.random.default_rng(seed), 44.0)
+        usual, other = building.doors.transpose(1, 0, 2)
+        assert len(usual) > 5 and (np.abs(usual - other).max(axis=1) > 0.3).all()
+        shut = simulate(
+            Simulation(seed=seed, doors=99, people=0, range_noise=0.0, dropout=0.0, beams=30, step=0.5)
+        )
+        assert min(scan.ranges.min() for scan in shut.scans) > 0.2
+
+
+def test_people_walk_about_but_not_into_the_robot() -> None:
+    alone = Simulation(travel=40.0, range_noise=0.0, dropout=0.0)
+    crowd = simulate(replace(alone, people=30))
+    assert min(scan.ranges.min() for scan in crowd.scans) > 0.2
+    same = [
+        np.isclose(a.ranges, b.ranges)
+        for a, b in zip(crowd.scans, simulate(replace(alone, people=0)).scans, strict=True)
+    ]
+    assert 0.02 < 1 - np.mean(same) < 0.6
+
+
+def test_progress_is_told() -> None:
+    told: list[tuple[int, int]] = []
+    log = simulate(Simulation(travel=3.0, beams=4), lambda done, of: told.append((done, of)))
+    assert told == [(n + 1, len(log.scans)) for n in range(len(log.scans))]
 
 
 def test_beams_end_at_the_nearest_wall() -> None:
@@ -140,9 +211,9 @@ def test_the_drive_is_judged_by_the_robot_and_scanned_from_the_laser() -> None:
     assert compose(far.ground_truth[0], far.laser_pose)[:2] != pytest.approx(far.ground_truth[0, :2])
 
 
-@pytest.mark.parametrize("wrong", [Simulation(length=10.0), Simulation(beams=1)])
+@pytest.mark.parametrize("wrong", [Simulation(length=10.0), Simulation(beams=1), Simulation(start=999.0)])
 def test_an_impossible_simulation_is_refused(wrong: Simulation) -> None:
-    with pytest.raises(LogError, match="at least"):
+    with pytest.raises(LogError, match=r"at least|the tour of the building ends after 2"):
         simulate(wrong)
 
 

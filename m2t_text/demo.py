@@ -11,6 +11,7 @@ import numpy as np
 from m2t_text.answers import Answer, SearchOptions, search
 from m2t_text.description.document import Document
 from m2t_text.errors import M2TError
+from m2t_text.finding import find
 from m2t_text.geometry import transform
 from m2t_text.index.store import MapIndex
 from m2t_text.indexing import Progress, Request, index_sources
@@ -19,6 +20,7 @@ from m2t_text.logs.simulator import Simulation, simulate, write_carmen
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
 from m2t_text.plots import Floats, Visit, plot_match, plot_overview
+from m2t_text.queries import Query
 
 TRAVEL = 120.0  # m of the tour on the first drive: once round the building and back through its middle
 LATER, FARTHER = 0.5, 1.5  # the second begins half way and goes that much farther: also the other way round
@@ -83,9 +85,11 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
     index_sources(Request([folder / f"{first.name}.log"], folder / "index", jobs=jobs), progress)
     index = MapIndex.open(folder / "index")
     queries = list(_apart(describe_log(second, index.parameters, jobs, partial(progress, second.name))))
-    index.search(queries[0].text)  # the first search of a process loads the compiled code; it is not timed
+    find(
+        index, Query(queries[0].text, queries[0])
+    )  # the first search of a process loads the compiled code; it is not timed
     begin = perf_counter()
-    found = [index.search(query.text, 1)[0].document for query in queries]
+    found = [find(index, Query(query.text, query), 1).results[0].hit.document for query in queries]
     seconds = (perf_counter() - begin) / len(queries)
     known = np.array([_place(first, document) for document in index.documents(first.name)])
     visits, right = [], []

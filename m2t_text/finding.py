@@ -72,8 +72,8 @@ def find(
 ) -> Finding:
     """The maps that show the query's place.
 
-    The VERIFIED best by score are aligned with the query and ranked anew; the others follow in the order of their
-    scores. Without ``verify`` the order is the scores' and the verdict never ``match``.
+    The VERIFIED best by score are aligned with the query and ranked anew; the others follow in the order of
+    their scores. Without ``verify`` the order is the scores' and the verdict never ``match``.
 
     Args:
         top: number of results at most, 0 for all maps.

@@ -105,7 +105,7 @@ def _overlap(
     query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, half: Any,
     dx: Any, dy: Any,
 ) -> Any:  # fmt: skip
-    """|Q'|, |M'| of a view moved by (dx, dy) and of a map: keypoints with one of the other no farther than NEAR."""
+    """|Q'|, |M'| of a view moved by (dx, dy) and of a map: keypoints with one of the other within NEAR."""
     here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
     there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
     return here, there

@@ -40,6 +40,7 @@ class DemoReport:
         scans: of both drives.
         maps: in the index.
         visits: the places looked up, and what was found.
+        sure: of the hits with the verdict ``match``, whether they were right.
         best: one search, the one that is drawn.
         seconds: for one search, on average.
     """
@@ -48,6 +49,7 @@ class DemoReport:
     scans: tuple[int, int]
     maps: int
     visits: list[Visit]
+    sure: list[bool]
     best: Answer
     seconds: float
 
@@ -61,6 +63,7 @@ class DemoReport:
             f"Indexed the first drive: {self.maps} local maps as text in {folder}/index.",
             f"Looked up a place of the second drive every {APART:g} m: "
             f"{right} of {len(self.visits)} found within {RIGHT:g} m, {1000 * self.seconds:.0f} ms each.",
+            f"Of {len(self.sure)} with the verdict `match`, {sum(self.sure)} are right.",
             f"Drew {folder}/overview.png (all of them) and {folder}/match.png (one that was found).",
             "",
             "Go on with",
@@ -89,16 +92,18 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
         index, Query(queries[0].text, queries[0])
     )  # the first search of a process loads the compiled code; it is not timed
     begin = perf_counter()
-    found = [find(index, Query(query.text, query), 1).results[0].hit.document for query in queries]
+    findings = [find(index, Query(query.text, query), 1) for query in queries]
     seconds = (perf_counter() - begin) / len(queries)
     known = np.array([_place(first, document) for document in index.documents(first.name)])
-    visits, right = [], []
-    for query, document in zip(queries, found, strict=True):
-        place, hit = _place(second, query), _place(first, document)
+    visits, right, sure = [], [], []
+    for query, finding in zip(queries, findings, strict=True):
+        place, hit = _place(second, query), _place(first, finding.results[0].hit.document)
         if _near(place, known, KNOWN):
             visits.append(Visit(place, hit, _near(place, hit[None], RIGHT)))
             if visits[-1].right:
                 right.append(query)
+            if finding.verdict == "match":
+                sure.append(visits[-1].right)
     plot_overview(_walls(first), _way(first), _way(second), visits, folder / "overview.png")
     drawn = right or queries
     scan = drawn[len(drawn) // 2].first_scan
@@ -106,7 +111,7 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
     shown = [(found, index.document(found.hit.map_id).text) for found in best.finding.results[:SHOWN]]
     tolerance = index.parameters.matching.tolerance
     plot_match(best.query.text, best.query.title, shown, tolerance, folder / "match.png")
-    return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, best, seconds)
+    return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, sure, best, seconds)
 
 
 def _drives(folder: Path, seed: int, progress: Progress) -> tuple[Log, Log]:

@@ -25,8 +25,8 @@ DRIFT = (
     0.04,
 )  # m, and m per metre of travel: two poses of one trajectory nearer than this may be one place
 FITS = 0.6  # inlier ratio from which a map shows the query's place, if no other does
-MARGIN = 0.05  # inlier ratio by which it must exceed that of any other place
-GRIP = 0.04  # below, the query may slide along a featureless wall
+MARGIN = 0.1  # inlier ratio by which it must exceed that of any other place
+GRIP = 0.03  # below, the query may slide along a featureless wall
 WEAK = 0.4  # inlier ratio below which nothing fits
 
 

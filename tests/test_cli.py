@@ -228,8 +228,13 @@ def test_search_json(call: Call, simulated_index: Path) -> None:
     assert all(conforms(result, RESULT) for result in answer["results"])
     assert [result["rank"] for result in answer["results"]] == [1, 2, 3]
     assert ids(answer)[0] == "drive/000040"
-    scores = [result["score"] for result in answer["results"]]
-    assert scores == sorted(scores, reverse=True)
+    assert answer["verdict"] == "ambiguous" or answer["results"][0]["inlier_ratio"] > 0.5
+    assert answer["results"][0]["pose"] == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+    assert answer["seconds"]["verify"] > 0
+    by_text = json.loads(call("search", "drive/000040", "--index", simulated_index, "--json", "--no-verify")[1])
+    scores = [result["score"] for result in by_text["results"]]
+    assert scores == sorted(scores, reverse=True) and by_text["seconds"]["verify"] == 0
+    assert all(result["pose"] is None and result["inlier_ratio"] is None for result in by_text["results"])
 
 
 def test_search_of_a_text_has_no_origin(call: Call, simulated_index: Path) -> None:

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Verdict = Literal["match", "ambiguous", "none"]
 
 VERIFIED = 30  # best hits that are aligned
-SCORE_SHARE = 0.5  # of the score beside the inlier ratio, in their order
+AGREEMENT = 0.5  # weight of the agreement beside the inlier ratio, in the order of verified hits
 DRIFT = (
     2.0,
     0.04,
@@ -92,16 +92,16 @@ def find(
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
-    """The hits aligned with the query, best first: by inlier ratio and score, ties by map id.
+    """The hits aligned with the query, best first: by inlier ratio and agreement, ties by map id.
 
-    Both count more for large maps, as they say more: two short pieces of wall fit each other anywhere.
+    Both count more where both maps are large, as they say more: a short piece of wall fits anywhere.
     """
     texts = [index.document(hit.map_id).text for hit in hits]
     alignments = align(query.text, texts, index.parameters.mapping.cell)
-    weights = [log(len(query.text) + len(text)) for text in texts]
+    weights = [log(1 + min(len(query.text), len(text))) for text in texts]
     fits = [
-        weight * (alignment.inlier_ratio + SCORE_SHARE * hit.score)
-        for weight, alignment, hit in zip(weights, alignments, hits, strict=True)
+        weight * (alignment.inlier_ratio + AGREEMENT * alignment.agreement)
+        for weight, alignment in zip(weights, alignments, strict=True)
     ]
     order = sorted(range(len(hits)), key=lambda k: (-fits[k], hits[k].map_id))
     return [_found(query, hits[k], alignments[k]) for k in order]

@@ -5,7 +5,7 @@ From there the pose words, which are the maps' geometry at 0.1 m, are aligned by
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,14 @@ class Alignment:
     Attributes:
         pose: (3,) the query's frame in the map's frame (both at their viewpoints), metres and radians.
         inlier_ratio: share of the keypoints of both maps that have one of the other map within INLIER.
+        agreement: share of keypoints that matched at the offset for which the words voted, before that.
         grip: 0...0.5, the share of the inliers' walls that hold the pose in its loosest direction: 0 between
             two parallel walls, along which the query may slide.
     """
 
     pose: Floats
     inlier_ratio: float
+    agreement: float
     grip: float
 
 
@@ -56,22 +58,22 @@ class Shape:
 def align(query: Text, candidates: Sequence[Text], cell: float) -> list[Alignment]:
     """The query aligned with each of the candidates; ``cell`` is the pose words' step, metres."""
     if not candidates or not len(query):
-        return [Alignment(np.zeros(3), 0.0, 0.0) for _ in candidates]
+        return [Alignment(np.zeros(3), 0.0, 0.0, 0.0) for _ in candidates]
     joined = Text(
         *(np.concatenate([getattr(text, name) for text in candidates]) for name in ("wx", "wy", "wa"))
     )
     starts = agreed(Texts(np.array([len(text) for text in candidates]), joined), query, OffsetAgreement())
     shape = Shape.of(query, cell)
     return [
-        refined(shape, Shape.of(text, cell), start * [cell, cell, 1.0])
-        for text, start in zip(candidates, starts.alignment, strict=True)
+        replace(refined(shape, Shape.of(text, cell), start * [cell, cell, 1.0]), agreement=float(agreement))
+        for text, start, agreement in zip(candidates, starts.alignment, starts.score, strict=True)
     ]
 
 
 def refined(query: Shape, found: Shape, start: Floats) -> Alignment:
     """Point-to-line ICP of two shapes from a ``start`` pose (3,) of the query in the found map's frame."""
     if not len(query.points) or not len(found.points):
-        return Alignment(start, 0.0, 0.0)
+        return Alignment(start, 0.0, 0.0, 0.0)
     back = inverse(start)
     turn = np.array([0.0, 0.0, back[2]])
     correction, _ = register(
@@ -81,7 +83,7 @@ def refined(query: Shape, found: Shape, start: Floats) -> Alignment:
     here = within(transform(pose, query.points), found.points, INLIER)
     there = within(transform(inverse(pose), found.points), query.points, INLIER)
     inliers = np.count_nonzero(here) + np.count_nonzero(there)
-    return Alignment(pose, inliers / (len(here) + len(there)), grip(query.normals[here]))
+    return Alignment(pose, inliers / (len(here) + len(there)), 0.0, grip(query.normals[here]))
 
 
 def grip(normals: Floats) -> float:

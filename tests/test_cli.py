@@ -394,8 +394,9 @@ def test_a_real_log(call: Call, radish: Path, profile: str) -> None:
     assert call("index", log, "--profile", profile, "--index", "i")[0] == 0
     index = MapIndex.open("i")
     for map_id in index.ids[::60]:
-        answer = json.loads(call("search", map_id, "--index", "i", "--top", 1, "--json")[1])
-        assert ids(answer) == [map_id] and answer["index"]["profile"] == profile
+        answer = json.loads(call("search", map_id, "--index", "i", "--top", 3, "--json")[1])
+        assert ids(answer)[0] == map_id and answer["index"]["profile"] == profile
+        assert answer["results"][0]["inlier_ratio"] == 1.0
     query = index.document("freiburg-101-corrected/000040")
     arguments = ("--index", "i", "--json", "--top", 5, "--exclude-travel", 10)
     for name in (query.map_id, f"{log}@{query.travel[0]:.2f}", f"{log}#40"):

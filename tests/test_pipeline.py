@@ -43,7 +43,8 @@ def test_travel_and_pose_of_a_run_by_itself_are_those_of_the_wheels(simulated: P
     way = travel(log.odometry)
     for scan in (0, 100):
         alone = describe_at(log, scan, DEFAULT)
-        assert alone.travel[0] == way[scan] and RUN - 0.3 < np.ptp(alone.travel) <= RUN
+        # The run ends with the scan that completes its length, at most one step beyond it.
+        assert alone.travel[0] == way[scan] and RUN <= np.ptp(alone.travel) < RUN + 0.3
         assert np.hypot(*alone.pose[:2]) == pytest.approx(np.hypot(*(log.odometry[scan] - log.odometry[0])[:2]))
 
 
@@ -101,6 +102,14 @@ def test_a_robot_that_stands_or_turns_on_the_spot_for_long(
     assert alike(alone.text, describe(local_map, log.name, DEFAULT).text) > 0.6
     end = describe_at(log, len(log.scans) - 1, DEFAULT)
     assert np.ptp(end.travel) == 0.0
+
+
+def test_a_run_that_begins_with_steps_too_small_to_count_is_complete() -> None:
+    """It is 5 m as the local map counts them, from the log's begin: there the robot has not yet moved."""
+    to_and_fro = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0]])
+    log = in_a_room(np.concatenate([to_and_fro, driving(RUN + 1.0) - [0.02, 0.0, 0.0]]))
+    alone = describe_at(log, 1, DEFAULT)
+    assert RUN <= np.ptp(alone.travel) < RUN + 0.15 and alone.last_scan < len(log.scans) - 1
 
 
 def test_a_robot_does_not_travel_while_it_stands_or_turns() -> None:

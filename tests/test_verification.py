@@ -94,7 +94,7 @@ def test_the_pose_is_that_of_the_first_scans():
 
 def found(number: int, ratio: float, place=(0.0, 0.0, 0.0), grip: float = 0.3, dataset: str = "log") -> Found:
     one = document(number, place, dataset=dataset)
-    return Found(Hit(one, ratio, 9, np.zeros(3)), None, ratio, Alignment(np.zeros(3), ratio, grip))
+    return Found(Hit(one, ratio, 9, np.zeros(3)), None, ratio, Alignment(np.zeros(3), ratio, ratio, grip))
 
 
 @pytest.mark.parametrize(

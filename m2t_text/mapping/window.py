@@ -1,7 +1,7 @@
 """A run matched by itself: only the part of a log that one local map needs."""
 
 from dataclasses import replace
-from itertools import islice, tee
+from itertools import tee
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +44,16 @@ def local_map_at(log: Log, scan: int, parameters: MappingParameters) -> LocalMap
 
 
 def _until(log: Log, first: int, run_length: float) -> Floats:
-    """Refined poses (K, 3) of a log up to the one that lies more than a run's length after scan ``first``."""
-    matched = refined_poses(log)
-    poses = list(islice(matched, first))
-    run, again = tee(matched)
-    for pose, gone in zip(run, travelled(again), strict=True):
+    """Refined poses (K, 3) of a log up to the one that completes the run that begins at scan ``first``.
+
+    Travel is counted from the log's first scan, as `local_maps` counts it: small steps add up differently from
+    another scan on, and the run might be cut short.
+    """
+    matched, again = tee(refined_poses(log))
+    poses, way = [], []
+    for pose, gone in zip(matched, travelled(again), strict=True):
         poses.append(pose)
-        if gone > run_length:
+        way.append(gone)
+        if len(way) > first and gone >= way[first] + run_length:
             break
     return np.array(poses)

@@ -15,7 +15,8 @@ from m2t_text.description.text import Text
 from m2t_text.geometry import compose, inverse, transform
 from m2t_text.index.postings import Texts
 from m2t_text.index.weighting import OffsetAgreement, agreed
-from m2t_text.mapping.registration import cloud_normals, register, within
+from m2t_text.mapping.normals import cloud_normals
+from m2t_text.mapping.registration import register, within
 
 Floats = NDArray[np.float64]
 

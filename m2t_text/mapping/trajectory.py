@@ -14,7 +14,8 @@ from m2t_text.config import MappingParameters
 from m2t_text.geometry import between, compose, transform, travel, wrap
 from m2t_text.logs.log import Log, Scan
 from m2t_text.mapping.local_map import Survey
-from m2t_text.mapping.registration import normals, register
+from m2t_text.mapping.normals import normals
+from m2t_text.mapping.registration import register
 
 Floats = NDArray[np.float64]
 Progress = Callable[[int, int], None]

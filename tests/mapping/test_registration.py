@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from m2t_text.geometry import inverse, transform
-from m2t_text.mapping.registration import cloud_normals, normals, register, within
+from m2t_text.mapping.normals import cloud_normals, normals
+from m2t_text.mapping.registration import register, within
 
 
 def room(step: float = 0.05) -> np.ndarray:

@@ -119,11 +119,20 @@ def test_the_seed_draws_the_queries(loop: Path, evaluation: Evaluation) -> None:
     assert all(j.relevant == truth.relevance(j.query)[0].sum() for j in evaluation.datasets[0].judgements)
 
 
-def test_places_are_found(evaluation: Evaluation) -> None:
+def test_the_default_profile_keeps_its_recall_on_a_simulated_log(evaluation: Evaluation) -> None:
     figures = methods(evaluation.datasets[0].judgements)
-    assert figures["m2t"]["anr"] < figures["bow"]["anr"] < 50
-    assert figures["verified"]["recall_at_1"]["3"] > 50
+    assert figures["bow"]["anr"] < 50 and figures["m2t"]["anr"] < 4
     assert figures["m2t"]["recall_at_1"]["1"] <= figures["m2t"]["recall_at_1"]["3"]
+    verified = figures["verified"]
+    assert verified["recall_at_1"]["3"] > 88 and verified["verdict_precision"] > 96
+    assert verified["translation_error_median"] < 0.06 and verified["rotation_error_median"] < math.radians(0.5)
+
+
+def test_the_default_profile_keeps_its_recall_on_a_real_log(radish: Path) -> None:
+    found = evaluate(Request([radish / "freiburg-101-corrected.log.gz"], queries=60, jobs=2))
+    figures = methods(found.datasets[0].judgements)
+    assert figures["m2t"]["anr"] < 5 and figures["bow"]["anr"] > 15
+    assert figures["verified"]["recall_at_1"]["3"] > 95 and figures["verified"]["verdict_precision"] > 98
 
 
 def test_examples(evaluation: Evaluation) -> None:

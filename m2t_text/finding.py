@@ -92,7 +92,7 @@ def find(
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
-    """The hits aligned with the query, best first: by inlier ratio and agreement, ties by map id.
+    """The hits aligned with the query, best first: by inlier ratio and agreement; ties by score, size and map id.
 
     Both count more where both maps are large, as they say more: a short piece of wall fits anywhere.
     """
@@ -103,7 +103,8 @@ def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Foun
         weight * (alignment.inlier_ratio + AGREEMENT * alignment.agreement)
         for weight, alignment in zip(weights, alignments, strict=True)
     ]
-    order = sorted(range(len(hits)), key=lambda k: (-fits[k], hits[k].map_id))
+    unlike = [abs(len(query.text) - len(text)) for text in texts]
+    order = sorted(range(len(hits)), key=lambda k: (-fits[k], -hits[k].score, unlike[k], hits[k].map_id))
     return [_found(query, hits[k], alignments[k]) for k in order]
 
 

@@ -83,7 +83,7 @@ def refined(query: Shape, found: Shape, start: Floats) -> Alignment:
     pose = compose(start, correction)
     here = within(transform(pose, query.points), found.points, INLIER)
     there = within(transform(inverse(pose), found.points), query.points, INLIER)
-    inliers = np.count_nonzero(here) + np.count_nonzero(there)
+    inliers = int(here.sum() + there.sum())
     return Alignment(pose, inliers / (len(here) + len(there)), 0.0, grip(query.normals[here]))
 
 

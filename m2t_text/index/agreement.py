@@ -44,20 +44,23 @@ def _voters(wx: Any, wy: Any, wa: Any, half: Any, slots: Any, used: Any, first: 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _mark(grid: Any, x: Any, y: Any, half: Any, value: Any) -> None:
-    """Sets the cells near (x, y); those outside the grid are left out."""
-    for i in range(max(x + half - NEAR, 0), min(x + half + NEAR + 1, 2 * half)):
-        for j in range(max(y + half - NEAR, 0), min(y + half + NEAR + 1, 2 * half)):
-            grid[i, j] = value
+    """Sets the cells near (x, y); a keypoint whose near cells are not all inside the grid is left out."""
+    i, j = x + half, y + half
+    if NEAR <= i < 2 * half - NEAR and NEAR <= j < 2 * half - NEAR:
+        for column in range(i - NEAR, i + NEAR + 1):
+            for row in range(j - NEAR, j + NEAR + 1):
+                grid[np.uint32(column), np.uint32(row)] = value
 
 
 @numba.njit(cache=True, nogil=True)
-def _covered(xs: Any, ys: Any, begin: Any, end: Any, dx: Any, dy: Any, half: Any, grid: Any) -> Any:
-    """How many of the keypoints begin..end, moved by (dx, dy), lie in set cells."""
+def _covered(xs: Any, ys: Any, begin: Any, end: Any, dx: Any, dy: Any, half: Any, grid: Any, value: Any) -> Any:
+    """How many of the keypoints begin..end, moved by (dx, dy), lie in cells with the value."""
     count = 0
+    side = np.uint32(2 * half)
     for k in range(begin, end):
-        x, y = xs[k] + dx + half, ys[k] + dy + half
-        if 0 <= x < 2 * half and 0 <= y < 2 * half:
-            count += grid[x, y]
+        x, y = np.uint32(xs[k] + dx + half), np.uint32(ys[k] + dy + half)  # below zero is beyond the side, too
+        if x < side and y < side and grid[x, y] == value:
+            count += 1
     return count
 
 
@@ -66,35 +69,38 @@ def _vote(
     wx: Any, wy: Any, wa: Any, begin: Any, end: Any, slots: Any, first: Any, flat: Any,
     half: Any, window: Any, votes: Any,
 ) -> None:  # fmt: skip
-    """votes[offset in x, offset in y] of one map's keypoints and one view's; see `_voters` and `agree`."""
+    """votes[1 + offset in x, offset in y] of one map's keypoints and one view's; see `_voters` and `agree`."""
     votes[:] = 0
     side = 2 * half
     width = 2 * side
     for k in range(begin, end):
         slot, x, y = slots[wa[k]], wx[k] + half, wy[k] + half
         if slot >= 0 and -window <= x < side + window and 0 <= y < side:
-            base = (x + window) * width + y + side
+            base = (x + window + 1) * width + y + side
             for i in range(first[slot, max(x - window, 0)], first[slot, min(x + window + 1, side)]):
                 votes[np.uint32(base - flat[i])] += 1
 
 
 @numba.njit(cache=True, nogil=True)
-def _peak(votes: Any, window: Any, width: Any, rows: Any) -> Any:
+def _peak(votes: Any, window: Any, width: Any) -> Any:
     """The offset with most votes, as (votes, x, y); the smallest of equals.
 
     A vote counts four times at its offset, and twice or once at the next ones: cells lie up to one step off.
     """
     size = 2 * window + 1
-    middle = width // 2 - window
-    for r in range(size):
-        row = r * width + middle
-        votes[row - 1], votes[row + size] = 0, 0  # beyond the window
-        for c in range(size):
-            rows[r + 1, c] = votes[row + c - 1] + 2 * votes[row + c] + votes[row + c + 1]
+    first = width // 2 - window
+    table = votes.reshape((size + 2, width))[:, first - 1 : first + size + 1]
+    table[:, 0] = 0  # beyond the window
+    table[:, size + 1] = 0
     best, x, y = 0, 0, 0
     for r in range(size):
+        above, here, below = table[r], table[r + 1], table[r + 2]
+        left = above[0] + 2 * here[0] + below[0]
+        middle = above[1] + 2 * here[1] + below[1]
         for c in range(size):
-            total = rows[r, c] + 2 * rows[r + 1, c] + rows[r + 2, c]
+            right = above[c + 2] + 2 * here[c + 2] + below[c + 2]
+            total = left + 2 * middle + right
+            left, middle = middle, right
             if total > best:
                 best, x, y = total, r - window, c - window
     return best, x, y
@@ -102,12 +108,12 @@ def _peak(votes: Any, window: Any, width: Any, rows: Any) -> Any:
 
 @numba.njit(cache=True, nogil=True)
 def _overlap(
-    query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, half: Any,
-    dx: Any, dy: Any,
+    query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, stamp: Any,
+    half: Any, dx: Any, dy: Any,
 ) -> Any:  # fmt: skip
     """|Q'|, |M'| of a view moved by (dx, dy) and of a map: keypoints with one of the other within NEAR."""
-    here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn)
-    there = _covered(wx, wy, begin, end, -dx, -dy, half, seen)
+    here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn, stamp)
+    there = _covered(wx, wy, begin, end, -dx, -dy, half, seen, 1)
     return here, there
 
 
@@ -124,7 +130,7 @@ def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
             used += 1
     first = np.empty((count, used, side + 1), dtype=np.int32)
     flat = np.empty((count, size), dtype=np.int32)
-    seen = np.zeros((count, side, side), dtype=np.uint8)
+    seen = np.zeros((count, side, side), dtype=np.int32)
     for v in range(count):
         _voters(query_x[v], query_y[v], query_a, half, slots, used, first[v], flat[v])
         for k in range(size):
@@ -148,28 +154,38 @@ def agree(
         matched: (documents,) int32 result: min(|Q'|, |M'|).
         found: (documents, 3) int32 result: best view, and the offset in x and in y by which its keypoints move.
     """
-    half = window + NEAR + 1 + max(np.abs(query_x).max(), np.abs(query_y).max())
+    half = window + 2 * NEAR + 1 + max(np.abs(query_x).max(), np.abs(query_y).max())
     side = 2 * half
     slots, first, flat, seen = _prepare(query_x, query_y, query_a, half)
-    votes = np.zeros((2 * window + 1) * 2 * side, dtype=np.int32)
-    rows = np.zeros((2 * window + 3, 2 * window + 1), dtype=np.int32)
+    votes = np.zeros((2 * window + 3) * 2 * side, dtype=np.int32)
     peaks = np.zeros((len(query_x), 3), dtype=np.int64)
-    drawn = np.zeros((side, side), dtype=np.uint8)
+    drawn = np.zeros((side, side), dtype=np.int32)  # the latest map is stamped with its number
     for document in range(begin, end):
         low, high = starts[document], starts[document + 1]
         for v in range(len(query_x)):
             _vote(wx, wy, wa, low, high, slots, first[v], flat[v], half, window, votes)
-            peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side, rows)
+            peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side)
         most = peaks[:, 0].max()
         if most == 0:
             continue
         for k in range(low, high):
-            _mark(drawn, wx[k], wy[k], half, 1)
+            _mark(drawn, wx[k], wy[k], half, document + 1)
         best = -1
         for v in np.argsort(-peaks[:, 0], kind="mergesort")[:CANDIDATES]:
             if peaks[v, 0] >= WORTH * most:
                 here, there = _overlap(
-                    query_x[v], query_y[v], seen[v], wx, wy, low, high, drawn, half, peaks[v, 1], peaks[v, 2]
+                    query_x[v],
+                    query_y[v],
+                    seen[v],
+                    wx,
+                    wy,
+                    low,
+                    high,
+                    drawn,
+                    document + 1,
+                    half,
+                    peaks[v, 1],
+                    peaks[v, 2],
                 )
                 if best < 0 or here + there > both[document]:
                     best = v
@@ -179,10 +195,8 @@ def agree(
         for step in range(9):
             dx, dy = peaks[best, 1] + step // 3 - 1, peaks[best, 2] + step % 3 - 1
             here, there = _overlap(
-                query_x[best], query_y[best], seen[best], wx, wy, low, high, drawn, half, dx, dy
+                query_x[best], query_y[best], seen[best], wx, wy, low, high, drawn, document + 1, half, dx, dy
             )
             if here + there > both[document]:
                 both[document], matched[document] = here + there, min(here, there)
                 found[document, 1], found[document, 2] = dx, dy
-        for k in range(low, high):
-            _mark(drawn, wx[k], wy[k], half, 0)

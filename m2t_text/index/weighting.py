@@ -20,6 +20,7 @@ from m2t_text.index.views import QUARTER, views
 Method = Literal["m2t", "bow"]
 
 SHARE = 64  # documents, at least, that a thread takes
+REACH = 400  # cells; a query's keypoints farther from its viewpoint match nothing, and cost no memory
 
 
 @dataclass(frozen=True)
@@ -176,10 +177,14 @@ def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:
     if not len(text):
         return Scores.none(documents)
     seen = views(text, model.turns, model.directions)
+    near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0) <= REACH
+    cut = [np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa)]
+    if not near.any():
+        return Scores.none(documents)
     both, matched = np.zeros(documents, dtype=np.int32), np.zeros(documents, dtype=np.int32)
     found = np.zeros((documents, 3), dtype=np.int32)
     stored = (texts.starts, texts.text.wx, texts.text.wy, texts.text.wa)
-    measure = partial(agreement.agree, *stored, seen.wx, seen.wy, seen.wa, model.window)
+    measure = partial(agreement.agree, *stored, *cut, model.window)
     parts = min(cpu_count() or 1, max(1, documents // SHARE))
     bounds = np.linspace(0, documents, parts + 1).astype(np.int64)
     with ThreadPoolExecutor(parts) as pool:

@@ -117,7 +117,7 @@ def _found(query: Query, hit: Hit, alignment: Alignment) -> Found:
 def verdict(verified: Sequence[Found]) -> Verdict:
     """Whether the first of the verified hits is the place: it fits, holds the pose, and no other place fits.
 
-    The thresholds are calibrated on the Radish logs, each left out in turn, and on simulated buildings.
+    The thresholds make `match` right 99 times in 100 on eight simulated buildings; the real logs only checked them.
     """
     if not verified or (verified[0].inlier_ratio or 0.0) < WEAK:
         return "none"

@@ -92,7 +92,7 @@ def find(
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
-    """The hits aligned with the query, best first: by inlier ratio and agreement; ties by score, size and map id.
+    """The hits aligned with the query, best first: by inlier ratio and agreement, ties by score, size, map id.
 
     Both count more where both maps are large, as they say more: a short piece of wall fits anywhere.
     """
@@ -117,7 +117,7 @@ def _found(query: Query, hit: Hit, alignment: Alignment) -> Found:
 def verdict(verified: Sequence[Found]) -> Verdict:
     """Whether the first of the verified hits is the place: it fits, holds the pose, and no other place fits.
 
-    The thresholds make `match` right 99 times in 100 on eight simulated buildings; the real logs only checked them.
+    The thresholds make `match` right 99 times in 100 on eight simulated buildings; real logs confirmed them.
     """
     if not verified or (verified[0].inlier_ratio or 0.0) < WEAK:
         return "none"

@@ -65,14 +65,22 @@ def _covered(xs: Any, ys: Any, begin: Any, end: Any, dx: Any, dy: Any, half: Any
 
 
 @numba.njit(cache=True, nogil=True)
+def _within(votes: Any, window: Any, width: Any) -> Any:
+    """The votes for offsets within the window, and a border of one cell about them."""
+    size = 2 * window + 1
+    first = width // 2 - window
+    return votes.reshape((size + 2, width))[:, first - 1 : first + size + 1]
+
+
+@numba.njit(cache=True, nogil=True)
 def _vote(
     wx: Any, wy: Any, wa: Any, begin: Any, end: Any, slots: Any, first: Any, flat: Any,
     half: Any, window: Any, votes: Any,
 ) -> None:  # fmt: skip
     """votes[1 + offset in x, offset in y] of one map's keypoints and one view's; see `_voters` and `agree`."""
-    votes[:] = 0
     side = 2 * half
     width = 2 * side
+    _within(votes, window, width)[:] = 0  # what lies beyond is never read
     for k in range(begin, end):
         slot, x, y = slots[wa[k]], wx[k] + half, wy[k] + half
         if slot >= 0 and -window <= x < side + window and 0 <= y < side:
@@ -88,8 +96,7 @@ def _peak(votes: Any, window: Any, width: Any) -> Any:
     A vote counts four times at its offset, and twice or once at the next ones: cells lie up to one step off.
     """
     size = 2 * window + 1
-    first = width // 2 - window
-    table = votes.reshape((size + 2, width))[:, first - 1 : first + size + 1]
+    table = _within(votes, window, width)
     table[:, 0] = 0  # beyond the window
     table[:, size + 1] = 0
     best, x, y = 0, 0, 0

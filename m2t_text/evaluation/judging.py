@@ -4,20 +4,17 @@ import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.description.text import Text
 from m2t_text.evaluation.metrics import Floats, best, normalised_ranks, pose_error
 from m2t_text.evaluation.protocol import APART, RIGHT, GroundTruth
 from m2t_text.finding import find
 from m2t_text.geometry import between
-from m2t_text.index.collection import Collection
 from m2t_text.index.store import MapIndex
-from m2t_text.index.weighting import MapWeighting, Method, Scores
+from m2t_text.index.weighting import Method
 from m2t_text.queries import Query
 
 METHODS: tuple[Method, ...] = ("bow", "m2t")  # the paper's two, which rank by the text alone
@@ -43,33 +40,6 @@ class Judgement:
     distance: dict[str, float]
     verdict: str
     error: tuple[float, float] | None
-
-
-class _Once(MapWeighting):
-    """A model that scores a text once, however often it is asked: the ranks and the search share the scores."""
-
-    def __init__(self, model: MapWeighting) -> None:
-        self.model = model
-        self._text: Text | None = None
-        self._known: dict[str, Scores] = {}
-
-    def scores(self, text: Text, whole: Collection, name: str) -> Scores:
-        if text is not self._text:
-            self._text, self._known = text, {}
-        if name not in self._known:
-            self._known[name] = self.model.scores(text, whole, name)
-        return self._known[name]
-
-
-class _Judged(MapIndex):
-    """An index whose models remember the scores of the latest text."""
-
-    @cached_property
-    def _models(self) -> dict[Method, MapWeighting]:
-        return {method: _Once(super(_Judged, self).model(method)) for method in METHODS}
-
-    def model(self, method: Method = "m2t") -> MapWeighting:
-        return self._models[method]
 
 
 def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
@@ -119,7 +89,7 @@ _worker: tuple[MapIndex, GroundTruth]
 
 def _judged(path: Path, truth: GroundTruth, queries: list[int], jobs: int) -> Iterator[Judgement]:
     if jobs <= 1 or len(queries) <= 1:
-        index = _Judged.open(path)
+        index = MapIndex.open(path)
         yield from (judge(index, truth, query) for query in queries)
         return
     # Processes, not threads: reading an index moves a file position that threads would share.
@@ -130,7 +100,7 @@ def _judged(path: Path, truth: GroundTruth, queries: list[int], jobs: int) -> It
 def _start(path: Path, truth: GroundTruth) -> None:
     global _worker  # noqa: PLW0603 - each process opens the index once, not with every query
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the pool
-    _worker = (_Judged.open(path), truth)
+    _worker = (MapIndex.open(path), truth)
 
 
 def _work(query: int) -> Judgement:

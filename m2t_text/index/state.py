@@ -21,6 +21,7 @@ class State:
     def __init__(self, searcher: Any) -> None:
         self.searcher = searcher
         self._columns: dict[str, NDArray[Any]] = {}
+        self._latest: tuple[Text, MapWeighting, Scores] | None = None
         self._leaves = [(leaf, offset) for leaf, offset in searcher.leaf_searchers() if leaf.doc_count_all()]
         self._numbers = np.array(sorted(searcher.reader().all_doc_ids()), dtype=np.int64)
         names = np.array(self._column("map_id", translate=True), dtype=object)[self._numbers]
@@ -52,11 +53,15 @@ class State:
         return [value for reader in readers for value in reader]
 
     def scores(self, text: Text, model: "MapWeighting") -> "Scores":
-        """How well the text fits each map."""
+        """How well the text fits each map. The latest answer is kept for whoever asks the same again."""
         from m2t_text.index.weighting import Scores
 
+        if self._latest is not None and self._latest[0] is text and self._latest[1] == model:
+            return self._latest[2]
         parts = [model.scorer(leaf, "text", text).scores for leaf, _ in self._leaves]
-        return Scores.joined(parts)[self._numbers]
+        scores = Scores.joined(parts)[self._numbers]
+        self._latest = (text, model, scores)
+        return scores
 
     def matching(self, query: Query) -> NDArray[np.bool_]:
         """(maps,) whether a Whoosh query matches."""

@@ -1,12 +1,8 @@
 """From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
 
-import os
-import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import parent_process
-from threading import Thread
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +17,7 @@ from m2t_text.logs.log import Log
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 from m2t_text.mapping.window import local_map_at
+from m2t_text.workers import follow_parent
 
 Progress = Callable[[str, int, int], None]  # stage, done, all
 
@@ -115,16 +112,7 @@ def _start(whole: Survey, dataset: str, parameters: Parameters) -> None:
     """Makes a process of the pool ready: it gets the survey once, and not with every chunk."""
     global _worker  # noqa: PLW0603
     _worker = (whole, dataset, parameters)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes, and one of them answers it
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A parent that is killed cannot end its pool, whose processes would wait for work for ever."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    follow_parent()
 
 
 def _work(chunk: NDArray[np.int64]) -> list[Document]:

@@ -8,9 +8,9 @@ import typer
 
 from m2t_text.cli.console import bars, note, print_json, print_table
 from m2t_text.cli.finding import JsonOption
-from m2t_text.cli.making import _cores
 from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
+from m2t_text.workers import cores
 
 if TYPE_CHECKING:
     from m2t_text.evaluation.run import Evaluation
@@ -59,7 +59,7 @@ def evaluate(
 
     _make_folder(plot)
     with bars() as progress:
-        evaluation = run(Request(sources, profile, queries, seed, _cores(jobs)), progress)
+        evaluation = run(Request(sources, profile, queries, seed, cores(jobs)), progress)
     for one in evaluation.datasets:
         for warning in one.log.warnings:
             note(f"warning: {one.log.name}: {warning}")

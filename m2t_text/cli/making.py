@@ -1,6 +1,6 @@
 """Commands that write: demo, simulate, index."""
 
-import os
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ from m2t_text.cli.console import bars, complain, note, print_lines, print_table
 from m2t_text.cli.finding import DEFAULT_INDEX, IndexOption
 from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
+from m2t_text.workers import cores
 
 JobsOption = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Processes that describe maps.", show_default="all cores")
@@ -35,7 +36,7 @@ def demo(
     from m2t_text.demo import run_demo
 
     with bars() as progress:
-        report = run_demo(folder, seed, _cores(jobs), progress)
+        report = run_demo(folder, seed, cores(jobs), progress)
     print_lines(*report.lines())
 
 
@@ -63,8 +64,9 @@ def simulate(
     if not out.parent.is_dir() or out.is_dir():
         raise M2TError(f"cannot write {str(out)!r}: name a file in a folder that exists")
     with bars() as progress:
-        progress(out.name, "simulating", 0, 1)
-        log = drive(Simulation(seed=seed, travel=travel, length=length))
+        log = drive(
+            Simulation(seed=seed, travel=travel, length=length), partial(progress, out.name, "simulating")
+        )
     write_carmen(log, out)
     note(f"wrote {out}: {len(log.scans):,} scans; go on with: m2t-text index {out}")
 
@@ -103,7 +105,7 @@ def index(
     from m2t_text.indexing import Request, index_sources
 
     with bars() as progress:
-        report = index_sources(Request(sources, index, profile, _cores(jobs), name), progress)
+        report = index_sources(Request(sources, index, profile, cores(jobs), name), progress)
     for dataset in report.indexed:
         for warning in dataset.warnings:
             note(f"warning: {dataset.name}: {warning}")
@@ -134,9 +136,3 @@ def index(
         complain(line, 2)
     if report.failed:
         raise typer.Exit(2)
-
-
-def _cores(jobs: int | None) -> int:
-    """As many processes as asked for, else as there are cores for this one."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
-    return jobs or (len(affinity(0)) if affinity else os.cpu_count() or 1)

@@ -1,6 +1,5 @@
 """Every query looked up and judged against the ground truth, on several cores."""
 
-import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from m2t_text.geometry import between
 from m2t_text.index.store import MapIndex
 from m2t_text.index.weighting import Method
 from m2t_text.queries import Query
+from m2t_text.workers import follow_parent
 
 METHODS: tuple[Method, ...] = ("bow", "m2t")  # the paper's two, which rank by the text alone
 
@@ -99,7 +99,7 @@ def _judged(path: Path, truth: GroundTruth, queries: list[int], jobs: int) -> It
 
 def _start(path: Path, truth: GroundTruth) -> None:
     global _worker  # noqa: PLW0603 - each process opens the index once, not with every query
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the pool
+    follow_parent()
     _worker = (MapIndex.open(path), truth)
 
 

@@ -52,9 +52,7 @@ class Text:
     def turned(self, quarters: int) -> "Text":
         """The same map described with its viewing direction turned clockwise by so many quarter turns, so
         that its keypoints turn counter-clockwise. Exact: cells map onto cells."""
-        x, y = self.wx.astype(np.int64), self.wy.astype(np.int64)
-        for _ in range(quarters % 4):
-            x, y = -y - 1, x
+        x, y = quarter_turned(self.wx.astype(np.int64), self.wy.astype(np.int64), quarters)
         return Text.of(x, y, self.wa)
 
     def moved(self, pose: ArrayLike, cell: float) -> "Text":
@@ -65,6 +63,15 @@ class Text:
     def positions(self) -> NDArray[np.float64]:
         """(N, 2) cell centres in units of cells, in the map's own frame."""
         return np.stack([self.wx, self.wy], axis=1).astype(np.float64) + 0.5
+
+
+def quarter_turned(
+    x: NDArray[np.int64], y: NDArray[np.int64], quarters: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cells (N,) turned counter-clockwise about the origin by so many quarter turns."""
+    for _ in range(quarters % 4):
+        x, y = -y - 1, x
+    return x, y
 
 
 def parse(string: str) -> Text:

@@ -4,6 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from m2t_text.geometry import wrap
+
 Floats = NDArray[np.float64]
 
 BIN = 0.1  # m; width of a bin of the projections
@@ -82,7 +84,7 @@ def plan_viewpoint(points: Floats, trajectory: Floats, on_trajectory: bool) -> t
     quarter = np.pi / 2
     direction = dominant_direction(points)
     direction += quarter * np.round((nearest[2] - direction) / quarter)
-    return np.array([*place, (direction + np.pi) % (2 * np.pi) - np.pi]), centre
+    return np.array([*place, wrap(direction)]), centre
 
 
 def likely_directions(positions: Floats, most: int) -> list[float]:

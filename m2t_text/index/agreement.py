@@ -11,7 +11,8 @@ from typing import Any
 import numba
 import numpy as np
 
-WORDS = 1024
+from m2t_text.description.text import WORDS
+
 NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
 VOTERS = 48  # keypoints of one word of the query that vote, about
 CANDIDATES = 4  # views whose overlap is measured, those with most votes; the best is then moved by a cell

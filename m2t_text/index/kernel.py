@@ -11,7 +11,6 @@ from typing import Any
 import numba
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
 SLOTS = 4  # turns of the query that one pass tries
 BITS = 64  # keypoints of the query in one machine word
@@ -157,13 +156,3 @@ def document_weight(starts: Any, doc: Any, weights: Any, total: Any) -> None:
     for a in range(len(weights)):
         for posting in range(starts[a], starts[a + 1]):
             total[doc[posting]] += weights[a]
-
-
-def turned(x: NDArray[np.int64], y: NDArray[np.int64], turns: tuple[int, ...]) -> tuple[Any, Any]:
-    """(turns, N) coordinates of the cells under each quarter turn, in the order given."""
-    quarters = [(x, y)]
-    for _ in range(3):
-        x, y = -y - 1, x
-        quarters.append((x, y))
-    chosen = [quarters[turn % 4] for turn in turns]
-    return np.array([q[0] for q in chosen]), np.array([q[1] for q in chosen])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.description.text import Text
+from m2t_text.description.text import Text, quarter_turned
 from m2t_text.description.viewpoint import likely_directions
 
 QUARTER = np.pi / 2
@@ -27,7 +27,7 @@ class Views:
     wa: NDArray[np.int64]
 
 
-def views(text: Text, turns: tuple[int, ...], directions: int) -> Views:
+def views(text: Text, turns: tuple[int, ...], directions: int = 1) -> Views:
     """The query under all quarter ``turns`` of each of its likely directions, ``directions`` at most.
 
     The planned direction is the first, and its turns map cells onto cells. Where the walls of a place run in
@@ -39,10 +39,9 @@ def views(text: Text, turns: tuple[int, ...], directions: int) -> Views:
         c, s = np.cos(direction), np.sin(direction)
         positions = text.positions() @ np.array([[c, -s], [s, c]])
         x, y = np.floor(positions).astype(np.int64).T
-        for turn in range(4):
-            if turn in turns:
-                angles.append(turn * QUARTER - direction)
-                xs.append(x)
-                ys.append(y)
-            x, y = -y - 1, x
+        for turn in sorted(turns):
+            turned_x, turned_y = quarter_turned(x, y, turn)
+            angles.append(turn * QUARTER - direction)
+            xs.append(turned_x)
+            ys.append(turned_y)
     return Views(np.array(angles), np.array(xs), np.array(ys), text.wa.astype(np.int64))

@@ -165,9 +165,11 @@ def intersect(
     if model.window is None:
         kernel.unfiltered(postings.starts, postings.doc, *query, weights, count[:, 0], score[:, 0])
     elif len(text):
-        x, y = kernel.turned(text.wx.astype(np.int64), text.wy.astype(np.int64), tuple(sorted(model.turns)))
+        seen = views(text, model.turns)
         arrays = (postings.starts, postings.doc, postings.wx, postings.wy)
-        kernel.filtered(*arrays, *query, x, y, model.window, weights, 0, postings.documents, count, score)
+        kernel.filtered(
+            *arrays, *query, seen.wx, seen.wy, model.window, weights, 0, postings.documents, count, score
+        )
     return count, score
 
 

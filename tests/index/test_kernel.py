@@ -8,6 +8,7 @@ from m2t_text.config import MatchingParameters, Parameters
 from m2t_text.description.text import Text
 from m2t_text.index import kernel
 from m2t_text.index.postings import Postings
+from m2t_text.index.views import views
 from m2t_text.index.weighting import HistogramIntersection, MapWeighting, OffsetAgreement, intersect
 
 ONES = np.ones(1024)
@@ -65,7 +66,8 @@ def test_a_turned_map_is_found_at_its_turn(quarters):
 
 def test_turned_coordinates_are_those_of_the_text():
     text = random_text(np.random.default_rng(0), 30)
-    x, y = kernel.turned(text.wx.astype(np.int64), text.wy.astype(np.int64), (0, 1, 2, 3))
+    seen = views(text, (0, 1, 2, 3))
+    x, y = seen.wx, seen.wy
     for turn in range(4):
         other, same = text.turned(turn), Text.of(x[turn], y[turn], text.wa)
         assert str(other) == str(same)
@@ -76,7 +78,8 @@ def test_ranges_of_documents_add_up_to_the_whole():
     postings, query = postings_of(*texts), texts[9]
     whole, _ = intersect(postings, query, HistogramIntersection(), ONES)
     words, firsts = np.unique(query.wa, return_index=True)
-    x, y = kernel.turned(query.wx.astype(np.int64), query.wy.astype(np.int64), (0, 1, 2, 3))
+    seen = views(query, (0, 1, 2, 3))
+    x, y = seen.wx, seen.wy
     count, score = np.zeros((30, 4), dtype=np.int32), np.zeros((30, 4))
     for begin, end in ((20, 30), (0, 7), (7, 7), (7, 20)):
         kernel.filtered(

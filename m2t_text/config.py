@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from m2t_text.errors import M2TError
+
 
 @dataclass(frozen=True)
 class MappingParameters:
@@ -18,7 +20,7 @@ class DescriptionParameters:
     """From a local map to its text (paper, III-A, III-B, IV-B, IV-C)."""
 
     viewpoint: Literal["trajectory", "centre"] = (
-        "centre"  # nearest trajectory pose (IV-B), or the centre itself
+        "centre"  # of gravity, or the robot's pose nearest to it (IV-B)
     )
     radii: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # m; outer radii of the rings (III-A: 10)
 
@@ -58,3 +60,10 @@ PROFILES = {
         matching=MatchingParameters(score="intersection", directions=1, weighted=False),
     ),
 }
+
+
+def parameters_of(profile: str) -> Parameters:
+    """The parameters of a profile by its name. Raises M2TError if there is none."""
+    if profile not in PROFILES:
+        raise M2TError(f"no profile {profile!r}; there are {', '.join(PROFILES)}")
+    return PROFILES[profile]

@@ -10,7 +10,7 @@ import numpy as np
 
 from m2t_text.answers import Answer, SearchOptions, search
 from m2t_text.description.document import Document
-from m2t_text.errors import M2TError
+from m2t_text.files import make_folder
 from m2t_text.finding import find
 from m2t_text.geometry import transform
 from m2t_text.index.store import MapIndex
@@ -80,10 +80,7 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
     Raises:
         M2TError: if the folder cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise M2TError(f"cannot make the folder {str(folder)!r}: {error.strerror or error}") from error
+    make_folder(folder)
     first, second = _drives(folder, seed, progress)
     index_sources(Request([folder / f"{first.name}.log"], folder / "index", jobs=jobs), progress)
     index = MapIndex.open(folder / "index")

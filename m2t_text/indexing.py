@@ -11,7 +11,7 @@ from time import perf_counter
 
 from whoosh.index import exists_in
 
-from m2t_text.config import PROFILES, Parameters
+from m2t_text.config import PROFILES, Parameters, parameters_of
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError
 from m2t_text.index.store import MapIndex
@@ -111,9 +111,7 @@ def _names(request: Request) -> list[str]:
 
 def _parameters(request: Request) -> Parameters:
     """Of the index if there is one, which must be those asked for, if any are."""
-    if request.profile is not None and request.profile not in PROFILES:
-        raise M2TError(f"no profile {request.profile!r}; there are {', '.join(PROFILES)}")
-    wanted = PROFILES[request.profile] if request.profile is not None else None
+    wanted = parameters_of(request.profile) if request.profile is not None else None
     if exists_in(str(request.index)):
         return MapIndex.open(request.index, wanted).parameters
     return wanted or PROFILES["default"]

@@ -1,7 +1,5 @@
 """Every picture that a command writes."""
 
-import os
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,6 +36,7 @@ from m2t_text.drawing import (
     metres,
 )
 from m2t_text.errors import M2TError
+from m2t_text.files import written_whole
 from m2t_text.finding import Found
 from m2t_text.geometry import inverse, transform
 
@@ -171,20 +170,13 @@ def save(figure: Figure, path: Path) -> None:
     FigureCanvasAgg(figure)
     ending = path.suffix.lower()
     metadata: dict[str, None] = {"Software": None} if ending == ".png" else {}
-    temporary = ""
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=ending)
-        os.close(handle)
-        with warnings.catch_warnings():  # a name may hold letters that the font lacks
+        with written_whole(path) as temporary, warnings.catch_warnings():
+            # A name may hold letters that the font lacks.
             warnings.filterwarnings("ignore", message="Glyph", category=UserWarning)
             figure.savefig(temporary, dpi=110, metadata=metadata, bbox_inches="tight", pad_inches=0.12)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
     except OSError as error:
         raise M2TError(f"cannot write {str(path)!r}: {error.strerror or error}") from error
-    finally:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
 
 
 def short(name: str, length: int = TITLE) -> str:

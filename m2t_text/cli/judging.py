@@ -9,7 +9,7 @@ import typer
 from m2t_text.cli.console import bars, note, print_json, print_table
 from m2t_text.cli.finding import JsonOption
 from m2t_text.config import PROFILES
-from m2t_text.errors import M2TError
+from m2t_text.files import make_folder
 from m2t_text.workers import cores
 
 if TYPE_CHECKING:
@@ -57,7 +57,8 @@ def evaluate(
     from m2t_text.evaluation.run import Request
     from m2t_text.evaluation.run import evaluate as run
 
-    _make_folder(plot)
+    if plot is not None:
+        make_folder(plot)  # before the work, not after it
     with bars() as progress:
         evaluation = run(Request(sources, profile, queries, seed, cores(jobs)), progress)
     for one in evaluation.datasets:
@@ -108,16 +109,6 @@ def _print_hits(figures: dict[str, Any]) -> None:
 
 def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:.1f}"
-
-
-def _make_folder(path: Path | None) -> None:
-    """Before the work, that pictures can be written."""
-    if path is None:
-        return
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise M2TError(f"cannot make the folder {str(path)!r}: {error.strerror or error}") from error
 
 
 def _draw(evaluation: "Evaluation", folder: Path) -> None:

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.config import PROFILES, Parameters
+from m2t_text.config import Parameters, parameters_of
 from m2t_text.errors import LogError, M2TError
 from m2t_text.evaluation.examples import Pair, examples
 from m2t_text.evaluation.judging import Judgement, judge_all
@@ -67,9 +67,7 @@ def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
         M2TError: if there is no such profile, or two sources would be one dataset.
     """
     tell = progress or (lambda what, stage, done, of: None)
-    if request.profile not in PROFILES:
-        raise M2TError(f"no profile {request.profile!r}; there are {', '.join(PROFILES)}")
-    parameters = PROFILES[request.profile]
+    parameters = parameters_of(request.profile)
     logs = [_read(source, tell) for source in _distinct(request.sources)]
     with TemporaryDirectory(prefix="m2t-text-") as folder:
         prepared = [

@@ -1,8 +1,6 @@
 """A robot with a laser that drives through a simulated building, and the CARMEN log of its drive."""
 
 import gzip
-import os
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from m2t_text.errors import LogError
+from m2t_text.files import written_whole
 from m2t_text.geometry import between, compose, travel
 from m2t_text.logs.building import SHORTEST, Building, build
 from m2t_text.logs.carmen import half_circle
@@ -119,14 +118,8 @@ def write_carmen(log: Log, path: Path) -> None:
     if path.name.endswith(".gz"):
         data = gzip.compress(data, mtime=0)
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".write-")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
+        with written_whole(path) as temporary:
+            temporary.write_bytes(data)
     except OSError as error:
         raise LogError(f"{shown(path)} cannot be written: {error.strerror}") from error
 

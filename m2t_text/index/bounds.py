@@ -24,10 +24,11 @@ U = np.uint64
 STEP = 3  # offsets, in x and in y, that a coarse step takes together: eight steps span 24
 WINDOW = 10  # cells; the largest offset that can be bounded
 FIRST = -WINDOW - 1  # the least offset: the best view is moved by a cell in the end
-LIMIT = 128  # cells; keypoints of the query beyond count as matched
+TWO_STEPS = U(0x0303)  # the bits of two by two coarse steps, and
+OF_A_BLOCK = U(0x00003F3F3F3F3F3F)  # of the six by six offsets in them
+LIMIT = 126  # cells; keypoints of the query beyond count as matched: the coarse grid must hold their partners
 MARGIN = 14  # cells about the query in which a mask is not empty
-EMPTY = FINE.empty  # the place of nothing in the fine windows, and
-NOWHERE = U(1)  # in a table, at whose border there is nothing
+EMPTY = FINE.empty  # the place of nothing in the fine windows
 
 
 class Bounder(NamedTuple):
@@ -35,7 +36,8 @@ class Bounder(NamedTuple):
 
     Attributes:
         half: cells from the middle of a table to its border.
-        coarse, fine: (V, 4 half²) uint64 masks of a map's keypoint in each cell; see `_masks`.
+        coarse, fine: (V, 4 half² + 2) uint64 masks of a map's keypoint in each cell; see `_masks`. The last two
+            are of what lies outside, and of nothing.
         far: number of the query's keypoints beyond LIMIT.
         groups: (V, G) int64 places in the coarse windows of the query's keypoints, one for each coarse cell.
         begins: (V, 5) where those begin that stand for 1, 2, 4 and 8 keypoints; parts are filled up to eights.
@@ -60,8 +62,7 @@ class Bounder(NamedTuple):
         half = LIMIT - MARGIN if far else reach + MARGIN
         coarse = np.stack([_masks(x[v], y[v], half, FIRST, STEP) for v in range(len(x))])
         fine = np.stack([_masks(x[v], y[v], half, 0, 1) for v in range(len(x))])
-        coarse[:, 0] = fine[:, 0] = ~U(0) if far else U(0)  # of what lies outside the table
-        coarse[:, 1] = fine[:, 1] = U(0)  # of nothing
+        coarse[:, -2] = fine[:, -2] = ~U(0) if far else U(0)  # of what lies outside the table
         groups, begins = _grouped(x, y)
         places = FINE.places(x, y)
         filled = np.full((len(x), -(-places.shape[1] // 8) * 8), FINE.empty)
@@ -86,30 +87,30 @@ def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int
 
 @numba.njit(cache=True, nogil=True)
 def _masks(x: Any, y: Any, half: Any, first: Any, step: Any) -> Any:
-    """(4 half²,) for each cell c: bit 8 i + j says whether a keypoint q is near it under steps i and j.
+    """(4 half² + 2,) for each cell c: bit 8 i + j says whether a keypoint q is near it under steps i and j.
 
     That is, if c - q lies in [s - 1, s + step] with s = first + step i in x, and the same of j in y.
     """
-    side = 2 * half
-    near = np.zeros((side, side), np.uint8)
+    side, wide = 2 * half, 2 * (half + MARGIN)
+    near = np.zeros((wide, wide), np.uint8)
+    middle = half + MARGIN
     for k in range(len(x)):
-        for column in range(max(x[k] + half - 1, 0), min(x[k] + half + step + 1, side)):
-            for row in range(max(y[k] + half - 1, 0), min(y[k] + half + step + 1, side)):
+        for column in range(max(x[k] + middle - 1, 0), min(x[k] + middle + step + 1, wide)):
+            for row in range(max(y[k] + middle - 1, 0), min(y[k] + middle + step + 1, wide)):
                 near[column, row] = 1
-    bits = np.zeros((side, side), np.uint8)
-    for column in range(side):
-        for j in range(8):
-            s = first + step * j
-            for row in range(max(0, s), min(side, side + s)):
-                bits[column, row] |= near[column, row - s] << j
-    masks = np.zeros((side, side), np.uint64)
-    for column in range(side):
-        for i in range(8):
-            other = column - first - step * i
-            if 0 <= other < side:
-                for row in range(side):
-                    masks[column, row] |= U(bits[other, row]) << U(8 * i)
-    return masks.reshape(-1)
+    bits = np.zeros((wide, side), np.uint8)
+    for j in range(8):
+        first_row = MARGIN - first - step * j
+        for column in range(wide):
+            for row in range(side):
+                bits[column, row] |= near[column, row + first_row] << j
+    masks = np.zeros(side * side + 2, np.uint64)
+    for i in range(8):
+        first_column = MARGIN - first - step * i
+        for column in range(side):
+            for row in range(side):
+                masks[column * side + row] |= U(bits[column + first_column, row]) << U(8 * i)
+    return masks
 
 
 @numba.njit(cache=True, nogil=True)
@@ -119,9 +120,9 @@ def _flat(x: Any, y: Any, size: Any, dx: Any, dy: Any, half: Any, places: Any) -
     for k in range(U(size)):
         column, row = U(np.int64(x[k]) - dx + half), U(np.int64(y[k]) - dy + half)
         inside = (column < side) & (row < side)
-        places[k] = column * side + row if inside else U(0)
+        places[k] = column * side + row if inside else side * side
     full = (size + 7) // 8 * 8
-    places[size:full] = NOWHERE
+    places[size:full] = side * side + U(1)
     return full
 
 
@@ -189,7 +190,7 @@ def coarse_bounds(texts: Texts, documents: Any, bounder: Bounder, scratch: Scrat
         best = 0
         for v in range(len(bounder.coarse)):
             _coarse_sums(bounder, v, places, count, windows, masks, planes)
-            best = max(best, largest(planes))
+            best = max(best, largest(planes, ~U(0)))
         bounds[k] = best + bounder.far
 
 
@@ -217,8 +218,8 @@ def fine_bounds(
             steps = at_least(planes, max(needed[k] - bounder.far, 0))
             for block in range(16):  # of two by two steps
                 i, j = block // 4, block % 4
-                if steps >> U(16 * i + 2 * j) & U(0x0303):
+                if steps >> U(16 * i + 2 * j) & TWO_STEPS:
                     dx, dy = FIRST + 2 * STEP * i, FIRST + 2 * STEP * j
                     count = _flat(x, y, size, dx, dy, bounder.half, places)
                     _fine_sums(bounder, v, dx, dy, places, count, fine_view, masks, planes)
-                    bounds[k] = max(bounds[k], largest(planes) + bounder.far)
+                    bounds[k] = max(bounds[k], largest(planes, OF_A_BLOCK) + bounder.far)

@@ -71,9 +71,9 @@ def add_masks(masks: Any, count: Any, planes: Any, digit: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def largest(planes: Any) -> Any:
-    """The largest of the sums."""
-    left, value = ~U(0), 0
+def largest(planes: Any, among: Any) -> Any:
+    """The largest of the sums whose bits ``among`` has."""
+    left, value = among, 0
     for digit in range(DIGITS - 1, -1, -1):
         higher = left & planes[digit]
         if higher:

@@ -40,7 +40,7 @@ class Bounder(NamedTuple):
             are of what lies outside, and of nothing.
         far: number of the query's keypoints beyond LIMIT.
         groups: (V, G) int64 places in the coarse windows of the query's keypoints, one for each coarse cell.
-        begins: (V, 5) where those begin that stand for 1, 2, 4 and 8 keypoints; parts are filled up to eights.
+        begins: (V, B + 1) where those begin that stand for 1, 2, 4, ... keypoints; parts are filled up to eights.
         cells: (V, F) int64 places in the fine windows of the query's keypoints, filled up to eights.
     """
 
@@ -60,8 +60,11 @@ class Bounder(NamedTuple):
         far = int((~near).sum())
         reach = max(int(np.abs(x).max(initial=0)), int(np.abs(y).max(initial=0)))
         half = LIMIT - MARGIN if far else reach + MARGIN
-        coarse = np.stack([_masks(x[v], y[v], half, FIRST, STEP) for v in range(len(x))])
-        fine = np.stack([_masks(x[v], y[v], half, 0, 1) for v in range(len(x))])
+        pairs = [
+            (_masks(*cells, half, FIRST, STEP), _masks(*cells, half, 0, 1))
+            for cells in zip(seen.wx, seen.wy, strict=True)
+        ]
+        coarse, fine = (np.stack(part) for part in zip(*pairs, strict=True))
         coarse[:, -2] = fine[:, -2] = ~U(0) if far else U(0)  # of what lies outside the table
         groups, begins = _grouped(x, y)
         places = FINE.places(x, y)
@@ -72,14 +75,18 @@ class Bounder(NamedTuple):
 
 def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The groups of a `Bounder`, and where their parts begin."""
+    steps = (WINDOW + 2) // STEP
+    counted = [
+        np.unique(row, return_counts=True) for row in COARSE.places(x // STEP - steps, y // STEP - steps)
+    ]
+    digits = max(int(count.max(initial=1)).bit_length() for _, count in counted)
     rows, begins = [], []
-    for places in COARSE.places(x // STEP - (WINDOW + 2) // STEP, y // STEP - (WINDOW + 2) // STEP):
-        place, count = np.unique(places, return_counts=True)
-        parts = [place[count >> digit & 1 == 1] for digit in range(4)]
+    for place, count in counted:
+        parts = [place[count >> digit & 1 == 1] for digit in range(digits)]
         parts = [np.append(part, np.full(-len(part) % 8, COARSE.empty)) for part in parts]
         rows.append(np.concatenate(parts))
         begins.append(np.append(0, np.cumsum([len(part) for part in parts])))
-    table = np.full((len(rows), max(map(len, rows), default=0)), COARSE.empty)
+    table = np.full((len(rows), max(map(len, rows))), COARSE.empty)
     for row, places in zip(table, rows, strict=True):
         row[: len(places)] = places
     return table, np.array(begins)
@@ -139,7 +146,7 @@ def _coarse_sums(bounder: Any, v: Any, places: Any, count: Any, windows: Any, ma
     """|Q'| + |M'| at most, without the far keypoints, under each coarse step of a view."""
     planes[:] = U(0)
     _add_cells(bounder.coarse[v], places, count, masks, planes)
-    for digit in range(4):
+    for digit in range(bounder.begins.shape[1] - 1):
         begin, end = bounder.begins[v, digit], bounder.begins[v, digit + 1]
         for k in range(end - begin):
             masks[U(k)] = eight_bytes(windows, bounder.groups[v, begin + k])

@@ -55,6 +55,13 @@ def test_no_score_exceeds_its_bounds(seed, span, directions):
     assert (fine[both >= needed] >= both[both >= needed]).all()
 
 
+def test_keypoints_that_repeat_and_maps_without_any():
+    query = Text.of(np.zeros(50), np.zeros(50), np.full(50, 3))
+    both, coarse, fine, _ = measured(query, [query, Text.of([], [], []), Text.of([3], [0], [3])], (0, 1), 1)
+    assert both.tolist() == [100, 0, 51] and (coarse >= both).all()
+    assert fine[0] == 100 and fine[2] in (0, 51)
+
+
 def test_the_fine_bound_is_the_largest_overlap_of_all_offsets():
     rng = np.random.default_rng(5)
     query, found = walls(rng, 200, 60), walls(rng, 200, 60)

@@ -40,7 +40,7 @@ class Bounder(NamedTuple):
             are of what lies outside, and of nothing.
         far: number of the query's keypoints beyond LIMIT.
         groups: (V, G) int64 places in the coarse windows of the query's keypoints, one for each coarse cell.
-        begins: (V, B + 1) where those begin that stand for 1, 2, 4, ... keypoints; parts are filled up to eights.
+        begins: (V, B + 1) where those begin that stand for 1, 2, 4, ... keypoints; filled up to eights.
         cells: (V, F) int64 places in the fine windows of the query's keypoints, filled up to eights.
     """
 

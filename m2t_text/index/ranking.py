@@ -21,7 +21,7 @@ class Measure(Protocol):
     """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
 
     def promise(self, name: str, documents: Documents) -> Floats:
-        """A guess of what documents (K,) may score, to begin with the best; if it is wrong, nothing is missed."""
+        """A guess of what documents (K,) may score, to begin with the best; a wrong one only costs time."""
 
     def bound(self, name: str, documents: Documents, threshold: float) -> Floats:
         """What the scores of documents (K,) cannot exceed; below the threshold it may be 0."""

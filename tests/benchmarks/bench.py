@@ -1,8 +1,8 @@
 """Measures search, indexing, verification and start-up on this machine, in one run: `make bench`.
 
 Prints a table, writes bench.json, and with --plot a picture of latency against database size. Databases are
-kept in indexes/bench and used again. BENCH_SIZES chooses their sizes; engines other than this project's are left
-out where they would take minutes a query, which BENCH_SLOW=1 allows.
+kept in indexes/bench and used again. BENCH_SIZES chooses their sizes. Engines other than this project's are
+left out where they would take minutes a query, unless BENCH_SLOW=1.
 """
 
 import argparse

@@ -195,7 +195,8 @@ def agree(texts: Texts, documents: Any, board: Board, both: Any, matched: Any, f
     largest = np.int64(0)
     for document in documents:
         largest = max(largest, texts.starts[document + 1] - texts.starts[document])
-    wx, wy, wa = np.empty((3, largest), dtype=np.int32)
+    words = np.empty((3, largest), dtype=np.int32)
+    wx, wy, wa = words[0], words[1], words[2]
     votes = np.zeros((2 * window + 3) * 2 * side, dtype=np.int32)
     peaks = np.zeros((views, 3), dtype=np.int64)
     drawn = np.zeros((side, side), dtype=np.int32)  # the latest map is stamped with its number

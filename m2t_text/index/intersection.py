@@ -148,7 +148,7 @@ def intersect(
     counts, places = tables.counts, tables.places
     for k in range(len(documents)):
         document = documents[k]
-        cells_of(texts, document, x, y)
+        size = U(cells_of(texts, document, x, y))
         count[k], score[k] = 0, 0.0
         place, end = U(run_starts[document]), U(run_starts[document + 1])
         open_sums[:] = _most(runs, place, end, counts, weights)
@@ -157,7 +157,7 @@ def intersect(
             word, run, place = word_of(runs, place, end)
             found = counts[word]
             if found:
-                last = keypoint + run
+                last = min(keypoint + run, size)  # no farther, even if the index is damaged
                 if found <= BITS:
                     both = _matches(near, places[word], half, x, y, keypoint, last)
                 else:

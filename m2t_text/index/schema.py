@@ -3,8 +3,10 @@
 import json
 from dataclasses import asdict
 from typing import Any
+from zlib import crc32
 
 import numpy as np
+from whoosh.columns import Column
 from whoosh.fields import ID, FieldType, Schema
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
@@ -12,10 +14,11 @@ from whoosh.query import Query
 from m2t_text.config import DescriptionParameters, MappingParameters, MatchingParameters, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
-from m2t_text.errors import TextError
+from m2t_text.errors import DamageError, TextError
 from m2t_text.index.column import ArrayColumn, KeypointColumn, NameColumn
+from m2t_text.logs import NAME_LENGTH
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 RECORD: list[Any] = [
     ("first_scan", "<i8"),
     ("last_scan", "<i8"),
@@ -25,6 +28,14 @@ RECORD: list[Any] = [
     ("centre_of_gravity", "<f8", (2,)),
     ("points", "<i8"),
 ]
+RINGS, RADIUS, QUARTERS = 10, 1000.0, 4  # of what parameters may be
+LIMITS = {
+    "run_length": (0.1, 1000.0),
+    "range_limit": (0.1, 1000.0),
+    "cell": (0.01, 10.0),
+    "window": (0, 200),
+    "directions": (1, 10),
+}
 
 
 class PlainField(FieldType):
@@ -128,20 +139,34 @@ class NumberField(PlainField):
 
 
 def schema(parameters: Parameters) -> Schema:
-    """Fields of a map document: those to search by, and the record that holds the rest."""
+    """Fields of a map document: those to search by, the record that holds the rest, and its checksum."""
     return Schema(
         map_id=ID(unique=True, stored=True),
-        dataset=ID(sortable=NameColumn()),
+        dataset=ID(stored=True, sortable=NameColumn()),
         first_scan=NumberField("<i8"),
         last_scan=NumberField("<i8"),
         travel=NumberField("<f8"),
         text=TextField(parameters),
         record=RecordField(ArrayColumn(RECORD)),
+        checksum=NumberField("<u4"),
     )
 
 
+def schema_columns() -> dict[str, Column]:
+    """The columns of a segment, by the names of their fields."""
+    fields = schema(Parameters()).items()
+    return {name: field.column_type for name, field in fields if field.column_type is not None}
+
+
 def to_fields(document: Document) -> dict[str, Any]:
-    """What Whoosh's `add_document` takes; `from_record` gives the document back exactly."""
+    """What Whoosh's `add_document` takes; `from_record` gives the document back exactly.
+
+    The checksum is of all that the document holds. Merging copies it, so it tells of damage at any time since.
+    """
+    record = tuple(getattr(document, name) for name in np.dtype(RECORD).names or ())
+    words = (document.text.wx, document.text.wy, document.text.wa)
+    numbers = np.array(record, dtype=RECORD).tobytes()
+    parts = (document.map_id.encode(), numbers, *(word.astype("<i2").tobytes() for word in words))
     return {
         "map_id": document.map_id,
         "dataset": document.dataset,
@@ -149,24 +174,22 @@ def to_fields(document: Document) -> dict[str, Any]:
         "last_scan": document.last_scan,
         "travel": document.middle,
         "text": document.text,
-        "record": tuple(getattr(document, name) for name in np.dtype(RECORD).names or ()),
+        "record": record,
+        "checksum": crc32(b"".join(parts)),
     }
 
 
 def from_record(dataset: str, record: Any, text: Text) -> Document:
-    """The document of this row of the column of records."""
-    first, last, travel, pose, viewpoint, centre, points = record.item()
-    return Document(
-        dataset,
-        first,
-        last,
-        np.array(travel),
-        np.array(pose),
-        np.array(viewpoint),
-        np.array(centre),
-        points,
-        text,
-    )
+    """The document of this row of the column of records.
+
+    Raises:
+        DamageError: if its numbers are not finite, or its counts negative.
+    """
+    first, last, travel, pose, viewpoint, centre, points = record
+    numbers = (travel, pose, viewpoint, centre)
+    if min(first, last, points) < 0 or not np.isfinite(np.concatenate(numbers)).all():
+        raise DamageError("the records of the maps are damaged")
+    return Document(dataset, first, last, *map(np.array, numbers), points, text)  # type: ignore[arg-type, call-arg]
 
 
 def to_json(parameters: Parameters) -> str:
@@ -190,3 +213,24 @@ def from_json(string: str) -> Parameters:
         DescriptionParameters(**description),
         MatchingParameters(**matching),
     )
+
+
+def check_parameters(parameters: Parameters) -> Parameters:
+    """The parameters themselves, if what they ask for is bounded in time and memory.
+
+    Raises:
+        ValueError, TypeError: if not.
+    """
+    sections = (parameters.mapping, parameters.description, parameters.matching)
+    values = {name: value for section in sections for name, value in asdict(section).items()}
+    for name, (least, most) in LIMITS.items():
+        if not least <= values[name] <= most or type(values[name]) not in (int, type(least)):
+            raise ValueError(f"{name} is not within {least}…{most}")
+    radii, turns = values["radii"], values["turns"]
+    if len(radii) > RINGS or not all(0 < radius <= RADIUS for radius in radii):
+        raise ValueError(f"there are up to {RINGS} radii, of up to {RADIUS} m")
+    if len(turns) > QUARTERS or not all(turn in range(QUARTERS) for turn in turns):
+        raise ValueError("turns are quarters of a whole one")
+    if not parameters.profile.isprintable() or len(parameters.profile) > NAME_LENGTH:
+        raise ValueError(f"a profile has a name of up to {NAME_LENGTH} printable characters")
+    return parameters

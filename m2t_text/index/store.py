@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from whoosh import index as whoosh_index
 from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import NullQuery, Query
@@ -14,17 +13,16 @@ from whoosh.query import NullQuery, Query
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import MapIndexError, QueryError
-from m2t_text.index.folder import create_whoosh, open_whoosh, sweep
-from m2t_text.index.mapped import MapCodec
+from m2t_text.errors import DamageError, MapIndexError, QueryError
+from m2t_text.index.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
-from m2t_text.index.writing import MapWriter, refused
+from m2t_text.index.writing import MapWriter, other_parameters, writing
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.index.weighting import MapWeighting, Method, Scores
 
-LOCK_SECONDS = 2.0  # to wait for another writer
+LOCK_SECONDS = 60.0  # to wait for another writer
 
 
 class MapIndex:
@@ -38,6 +36,7 @@ class MapIndex:
         self.parameters = parameters
         self.whoosh = whoosh
         self._state: State | None = None
+        self._pinned = False
 
     @classmethod
     def create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
@@ -46,7 +45,7 @@ class MapIndex:
         Raises:
             MapIndexError: if the folder holds an index or anything else, or cannot be written.
         """
-        create_whoosh(Path(path), parameters)
+        create_whoosh(Path(path), parameters, LOCK_SECONDS)
         return cls.open(path)
 
     @classmethod
@@ -59,11 +58,31 @@ class MapIndex:
         folder = Path(path)
         whoosh, stored = open_whoosh(folder)
         if parameters is not None and parameters != stored:
-            raise MapIndexError(
-                f"the index in {folder} was made with other parameters (profile {stored.profile!r}, asked for "
-                f"{parameters.profile!r}); choose another folder or profile"
-            )
+            if not is_empty(whoosh):
+                raise other_parameters(folder, stored, parameters)
+            stored = parameters  # they are the index's with its first maps
         return cls(folder, whoosh, stored)
+
+    @classmethod
+    def open_or_create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
+        """The index in a folder, made if there is none.
+
+        Raises:
+            MapIndexError: as `open` and `create` do.
+        """
+        if not holds_index(Path(path)):
+            try:
+                return cls.create(path, parameters)
+            except MapIndexError:
+                if not holds_index(Path(path)):  # else another process was quicker
+                    raise
+        return cls.open(path, parameters)
+
+    def pinned(self) -> "MapIndex":
+        """The same index at its latest committed state, which it keeps whatever is committed later."""
+        pinned = MapIndex(self.path, self.whoosh, self.parameters)
+        pinned._state, pinned._pinned = self._current(), True
+        return pinned
 
     @contextmanager
     def writer(self) -> Iterator[MapWriter]:
@@ -72,20 +91,8 @@ class MapIndex:
         Raises:
             MapIndexError: if another process keeps writing, or the disk refuses.
         """
-        try:
-            whoosh = self.whoosh.writer(timeout=LOCK_SECONDS, codec=MapCodec())
-            sweep(self.path)
-        except whoosh_index.LockError as error:
-            raise MapIndexError(f"{self.path} is being written by another process; try again later") from error
-        except OSError as error:
-            raise refused(self.path, error) from error
-        try:
-            writer = MapWriter(whoosh, self.path)
+        with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
             yield writer
-            writer.commit()
-        finally:
-            if not whoosh.is_closed:
-                whoosh.cancel()
 
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had, in one commit; see `MapWriter.replace`."""
@@ -122,7 +129,12 @@ class MapIndex:
         """The datasets ordered by name."""
         state = self._current()
         drives = state.searcher.schema["text"].drives
-        return [DatasetSummary(name, maps, *drives[name]) for name, maps in state.maps().items()]
+        maps = state.maps()
+        with reading(self.path):
+            for name in maps:
+                if name not in drives:
+                    raise DamageError(f"dataset {name!r} is not in its table of contents")
+        return [DatasetSummary(name, count, *drives[name]) for name, count in maps.items()]
 
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
@@ -207,6 +219,9 @@ class MapIndex:
     def _current(self) -> State:
         """The latest committed state. It is opened anew after each commit: Whoosh's refresh mixes states up."""
         state = self._state
-        if state is None or not state.searcher.up_to_date():
-            state = self._state = State(self.whoosh.searcher())
+        if state is None or not (self._pinned or state.searcher.up_to_date()):
+            with reading(self.path):
+                state = State(self.whoosh.searcher())
+                _ = state.keypoints  # opens all texts, so that damage shows here and nowhere else
+            self._state = state
         return state

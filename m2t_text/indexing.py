@@ -9,11 +9,10 @@ from itertools import chain
 from pathlib import Path
 from time import perf_counter
 
-from whoosh.index import exists_in
-
 from m2t_text.config import PROFILES, Parameters, parameters_of
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError
+from m2t_text.index.folder import holds_index
 from m2t_text.index.store import MapIndex
 from m2t_text.index.writing import MapWriter
 from m2t_text.logs import Log, checked_name, dataset_name, read_log
@@ -84,7 +83,7 @@ def index_sources(request: Request, progress: Progress | None = None) -> Report:
                 report.failed.append(str(error))
                 continue
             # The index is made, and locked, not before there is something to put into it.
-            writer = writer or commit.enter_context(_opened(request.index, parameters).writer())
+            writer = writer or commit.enter_context(MapIndex.open_or_create(request.index, parameters).writer())
             writer.replace(name, documents, drive)
             report.indexed.append(Indexed(name, len(log.scans), perf_counter() - begin, log.warnings))
         tell("index", "writing", 0, 1)
@@ -112,13 +111,9 @@ def _names(request: Request) -> list[str]:
 def _parameters(request: Request) -> Parameters:
     """Of the index if there is one, which must be those asked for, if any are."""
     wanted = parameters_of(request.profile) if request.profile is not None else None
-    if exists_in(str(request.index)):
+    if holds_index(request.index):
         return MapIndex.open(request.index, wanted).parameters
     return wanted or PROFILES["default"]
-
-
-def _opened(path: Path, parameters: Parameters) -> MapIndex:
-    return MapIndex.open(path, parameters) if exists_in(str(path)) else MapIndex.create(path, parameters)
 
 
 def _described(

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
 
 PROGRAM = [sys.executable, "-c", "from m2t_text.cli import main; main()"]
-COMMANDS = ("demo", "simulate", "index", "search", "inspect", "info")
+COMMANDS = ("demo", "simulate", "index", "search", "inspect", "info", "check")
 Call = Callable[..., tuple[int, str, str]]
 
 PAIR, POSE = [float, float], [float, float, float]
@@ -69,6 +70,8 @@ INFO = {
     "bytes": int,
     "datasets": list,
 }
+CHECK = {"path": str, "files": list, "datasets": list, "leftovers": list, "repaired": list}
+FILE = {"name": str, "bytes": int, "problem": (str, NoneType)}
 DATASET = {"name": str, "maps": int, "scans": int, "travel": float}
 
 
@@ -314,6 +317,28 @@ def test_info(call: Call, simulated: Path, simulated_index: Path) -> None:
     assert status == 0 and "drive" in out
 
 
+def test_check(call: Call, simulated_index: Path, tmp_path: Path) -> None:
+    status, out, err = call("check", "--index", simulated_index)
+    assert (status, err) == (0, "") and "sound" in out and "drive" in out
+    copy = tmp_path / "copy"
+    shutil.copytree(simulated_index, copy)
+    (segment,) = copy.glob("*.seg")
+    data = segment.read_bytes()
+    segment.write_bytes(data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 1]) + data[len(data) // 2 + 1 :])
+    status, out, err = call("check", "--index", copy, "--json")
+    found = json.loads(out)
+    assert status == 2 and conforms(found, CHECK) and not found["sound"] and conforms(found["files"][0], FILE)
+    assert err.startswith(f"m2t-text: the index in {copy} is damaged: ") and err.count("\n") == 1
+    (dataset,) = found["datasets"]
+    status, out, err = call("check", "--index", copy, "--repair")
+    assert (status, err) == (0, "") and f"rebuilt {dataset['maps']} of" in out and segment.name in out
+    held = json.loads(call("info", "--index", copy, "--json")[1])["maps"]
+    assert (
+        held == dataset["maps"] >= json.loads(call("info", "--index", simulated_index, "--json")[1])["maps"] - 1
+    )
+    assert json.loads(call("check", "--index", copy, "--json")[1])["sound"]
+
+
 def test_the_environment_names_the_index(
     call: Call, simulated_index: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -343,6 +368,7 @@ def test_the_environment_names_the_index(
         (["search", "drive/000040", "--index", "missing"], "no index in missing"),
         (["inspect", "drive/000040", "--index", "missing"], "no index in missing"),
         (["info", "--index", "missing"], "no index in missing"),
+        (["check", "--index", "missing"], "no index in missing"),
         (["index"], "Missing argument"),
         (["index", "missing.log"], "'missing.log' does not exist; nothing was indexed"),
         (["index", "."], "is a folder; name the logs in it"),

@@ -27,7 +27,7 @@ class MapSegment(W3Segment):
 
     Attributes:
         size, digest: bytes and checksum of its file.
-        maps: number of maps, deleted ones too, of each dataset.
+        maps: number of live maps of each dataset.
     """
 
     def __init__(self, codec: W3Codec, indexname: str, **attributes: Any) -> None:
@@ -35,6 +35,12 @@ class MapSegment(W3Segment):
         self.size = 0
         self.digest = ""
         self.maps: dict[str, int] = {}
+
+    def count(self, dataset: str, change: int) -> None:
+        """Counts so many maps of a dataset more."""
+        maps = self.maps.pop(dataset, 0) + change
+        if maps:
+            self.maps[dataset] = maps
 
     @property
     def filename(self) -> str:
@@ -94,8 +100,7 @@ class MapDocWriter(W3PerDocWriter):
     def add_column_value(self, fieldname: str, column: Any, value: Any) -> None:
         super().add_column_value(fieldname, column, value)
         if fieldname == "dataset":
-            maps, name = self._segment.maps, value.decode()
-            maps[name] = maps.get(name, 0) + 1
+            self._segment.count(value.decode(), 1)
 
 
 class MapDocReader(W3PerDocReader):
@@ -120,11 +125,11 @@ class MapDocReader(W3PerDocReader):
         return self._cached_reader(name, STORED[name])
 
     def column_reader(self, fieldname: str, column: Any) -> Any:
-        fresh = fieldname not in self._colfiles
-        reader = super().column_reader(fieldname, column)
-        if fieldname == "text" and fresh:
-            check_keypoints(self._colfiles[fieldname][0].buffer)
-        return reader
+        if fieldname == "text" and fieldname not in self._colfiles:
+            part = self._get_column_file(fieldname)
+            check_keypoints(part[0].buffer, self._doccount)
+            self._colfiles[fieldname] = part
+        return super().column_reader(fieldname, column)
 
     def stored_fields(self, docnum: int) -> dict[str, Any]:
         names = {name: self.stored(name)[docnum].decode() for name in NAMES}

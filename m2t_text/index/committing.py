@@ -62,6 +62,13 @@ class SegmentMaker(SegmentWriter):
     def add_postings_to_pool(self, reader: Any, startdoc: int, docmap: Any) -> None:
         """They follow from the columns; see `codec`."""
 
+    def delete_document(self, docnum: int, delete: bool = True) -> None:
+        """Deletes a document, and counts it off: a segment knows how many live maps each dataset has in it."""
+        segment, number = self._segment_and_docnum(docnum)
+        if not segment.is_deleted(number):
+            segment.count(self.searcher().stored_fields(docnum)["dataset"], -1)
+        super().delete_document(docnum, delete)
+
     def _commit_toc(self, segments: list[Any]) -> None:
         """What the table of contents names is on disk before it is, with its name; then the table itself."""
         if self.newsegment in segments:

@@ -57,10 +57,15 @@ def open_whoosh(folder: Path) -> tuple[SafeIndex, Parameters]:
         MapIndexError: if there is none, or it is of another kind or version, or damaged.
     """
     if not holds_index(folder):
-        raise MapIndexError(f"no index in {folder}; make one with `m2t-text index`")
+        raise no_index(folder)
     with reading(folder):
         whoosh = SafeIndex(MapStorage(folder))
         return whoosh, whoosh.schema["text"].parameters
+
+
+def no_index(folder: Path) -> MapIndexError:
+    """What to tell who names a folder without an index."""
+    return MapIndexError(f"no index in {folder}; make one with `m2t-text index`")
 
 
 def is_empty(whoosh: SafeIndex) -> bool:
@@ -73,8 +78,8 @@ def reading(folder: Path) -> Iterator[None]:
     """Says of what goes wrong in the block that the index cannot be read, and what to do."""
     try:
         yield
-    except (DamageError, OSError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
+    except (DamageError, OSError, MemoryError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or "it does not fit into memory"
         raise MapIndexError(
             f"the index in {folder} cannot be read ({reason}); `m2t-text check --index {folder}` says more"
         ) from error

@@ -19,20 +19,32 @@ def check_records(column: memoryview) -> None:
         raise DamageError("the records of the maps are damaged")
 
 
-def check_keypoints(column: memoryview) -> None:
-    """Checks a `KeypointColumn` whose sections are known to fill it.
+def check_keypoints(column: memoryview, documents: int) -> None:
+    """Checks a `KeypointColumn` of so many documents.
 
     Raises:
-        DamageError: unless the documents share out each section, and each one's words ascend and are as many
-            as its keypoints.
+        DamageError: unless its sections fill it, the documents share out each of them, and the words of each
+            document ascend and are as many as its keypoints.
     """
+    if not (_filled(column, documents) and _shared_out(column)):
+        raise DamageError("the keypoints of the maps are damaged")
+
+
+def _filled(column: memoryview, documents: int) -> bool:
+    if len(column) < HEADER.itemsize:
+        return False
+    maps, runs, keypoints, wide = np.frombuffer(column, HEADER, 1)[0].tolist()
+    size = HEADER.itemsize + maps * COUNTS.itemsize + 2 * (runs + keypoints + wide)
+    return bool(maps == documents and size == len(column))
+
+
+def _shared_out(column: memoryview) -> bool:
     head = np.frombuffer(column, HEADER, 1)[0]
     counts = np.frombuffer(column, COUNTS, int(head["maps"]), HEADER.itemsize)
     runs = np.frombuffer(column, "<u2", int(head["runs"]), HEADER.itemsize + counts.nbytes)
     shared = all(counts[name].sum(dtype=np.int64) == head[name] for name in COUNTS.names or ())
     wide = (counts["wide"] == 0) | (counts["wide"] == counts["keypoints"])
-    if not (shared and wide.all() and _fits(runs, counts)):
-        raise DamageError("the keypoints of the maps are damaged")
+    return bool(shared and wide.all() and _fits(runs, counts))
 
 
 def _fits(runs: NDArray[np.uint16], counts: NDArray[np.void]) -> bool:

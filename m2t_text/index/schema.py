@@ -153,6 +153,12 @@ def schema(parameters: Parameters) -> Schema:
     )
 
 
+def schema_columns() -> dict[str, Column]:
+    """The columns of a segment, by the names of their fields."""
+    fields = schema(Parameters()).items()
+    return {name: field.column_type for name, field in fields if field.column_type is not None}
+
+
 def to_fields(document: Document) -> dict[str, Any]:
     """What Whoosh's `add_document` takes; `from_fields` gives the document back exactly.
 

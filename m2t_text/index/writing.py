@@ -14,6 +14,7 @@ from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
 from m2t_text.errors import LogError, MapIndexError
+from m2t_text.index.codec import MapSegment
 from m2t_text.index.committing import SegmentMaker
 from m2t_text.index.folder import open_whoosh, reading
 from m2t_text.index.schema import to_fields, to_json
@@ -99,12 +100,25 @@ class MapWriter:
             if document.first_scan in seen:
                 raise MapIndexError(f"two maps have the id {document.map_id!r}")
             seen.add(document.first_scan)
-            with told(self._path):
-                self._whoosh.add_document(**to_fields(document))
+            self._add(document)
             if drive is None:
                 scans, metres = max(scans, document.last_scan + 1), max(metres, float(document.travel[1]))
         if seen:
             self._drives[name] = (int(scans), float(metres))
+
+    def _add(self, document: Document) -> None:
+        with told(self._path):
+            self._whoosh.add_document(**to_fields(document))
+
+    def rebuild(self, segment: MapSegment, documents: Iterable[Document]) -> None:
+        """These documents, which are left of a damaged segment, instead of it."""
+        self._whoosh.segments.remove(segment)
+        for document in documents:
+            check(document, document.dataset)
+            self._add(document)
+        left = {name for one in (*self._whoosh.segments, self._whoosh.newsegment) for name in one.maps}
+        for name in set(self._drives) - left:
+            del self._drives[name]
 
     def remove(self, name: str) -> None:
         """Removes all maps of a dataset."""

@@ -85,6 +85,7 @@ def search(target: str, index: MapIndex, options: SearchOptions, name: str | Non
         QueryError, LogError, TextError: if it names nothing that can be searched.
     """
     begin = perf_counter()
+    index = index.pinned()
     query = resolve(target, Context(index.parameters, index, name))
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")

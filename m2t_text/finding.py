@@ -80,6 +80,7 @@ def find(
         exclude: (dataset, travel, metres), as for `MapIndex.search`.
     """
     begin = perf_counter()
+    index = index.pinned()  # also where it is written meanwhile, the hits' texts are those that were scored
     hits = index.search(query.text, max(top, VERIFIED) if top and verify else top, exclude)
     searched = perf_counter() - begin
     if not verify:

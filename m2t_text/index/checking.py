@@ -118,7 +118,7 @@ def _check_table(storage: MapStorage, name: str) -> tuple[TOC | None, FileCheck]
         contents = read(storage, name)
     except FileNotFoundError:
         return None, FileCheck(name, 0, "is missing")
-    except DamageError as error:
+    except (DamageError, OSError) as error:
         return None, FileCheck(name, storage.file_length(name), str(error))
     return contents, FileCheck(name, storage.file_length(name))
 

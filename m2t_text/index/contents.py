@@ -143,16 +143,19 @@ def _parsed(data: bytes, folder: Path) -> TOC:
 def _state(made: Any, name: str = "") -> dict[str, Any]:
     """The attributes of what would be an object of a class that ends in this name."""
     if not (isinstance(made, Made) and made.name.endswith(name) and isinstance(made.state, dict)):
-        raise ValueError(f"no {name or 'object'}")
+        raise DamageError("it is not one of maps")
     return made.state
 
 
 def _schema(text: dict[str, Any]) -> Any:
     """The schema, with the parameters and the datasets' drives of the one that is described."""
-    made = schema(check_parameters(from_json(text["stored_parameters"])))
+    try:
+        made = schema(check_parameters(from_json(text["stored_parameters"])))
+    except (*MALFORMED, RecursionError) as error:
+        raise DamageError("its parameters cannot be right") from error
     for name, (scans, metres) in text["drives"].items():
         if not (_count(scans) and type(metres) is float and math.isfinite(metres)):
-            raise ValueError("drive")
+            raise DamageError("the length of a drive cannot be right")
         made["text"].drives[checked_name(name)] = (scans, metres)
     return made
 
@@ -160,7 +163,7 @@ def _schema(text: dict[str, Any]) -> Any:
 def _segments(made: list[Any]) -> list[MapSegment]:
     segments = [_segment(_state(one, " MapSegment")) for one in made]
     if len({segment.segid for segment in segments}) < len(segments):
-        raise ValueError("segments")
+        raise DamageError("it names a segment twice")
     return segments
 
 
@@ -171,7 +174,7 @@ def _segment(state: dict[str, Any]) -> MapSegment:
     named = SEGMENT.fullmatch(number) and CHECKSUM.fullmatch(digest) and state["indexname"] == INDEX
     counted = _count(maps) and _count(size) and maps <= size
     if not (named and counted and all(0 <= one < maps for one in deleted)):
-        raise ValueError("segment")
+        raise DamageError("the name or the size of a segment cannot be right")
     segment = MapSegment(MapCodec(), INDEX, doccount=maps, segid=number, deleted=set(deleted) or None)
     segment.size, segment.digest, segment.compound = size, digest, True
     segment.maps = {checked_name(name): maps for name, maps in state["maps"].items() if _count(maps)}

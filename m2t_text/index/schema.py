@@ -18,6 +18,7 @@ from m2t_text.description.text import Text, parse
 from m2t_text.errors import TextError
 from m2t_text.index.column import KeypointColumn
 from m2t_text.index.names import NameColumn
+from m2t_text.logs import NAME_LENGTH
 
 FORMAT_VERSION = 2
 RECORD = struct.Struct("<2q2d3d3d2dq")
@@ -226,6 +227,6 @@ def check_parameters(parameters: Parameters) -> Parameters:
         raise ValueError(f"there are up to {RINGS} radii, of up to {RADIUS} m")
     if len(turns) > QUARTERS or not all(turn in range(QUARTERS) for turn in turns):
         raise ValueError("turns are quarters of a whole one")
-    if not parameters.profile.isprintable():
-        raise ValueError("the profile has no printable name")
+    if not parameters.profile.isprintable() or len(parameters.profile) > NAME_LENGTH:
+        raise ValueError(f"a profile has a name of up to {NAME_LENGTH} printable characters")
     return parameters

@@ -42,11 +42,11 @@ class MapStorage(FileStorage):
         path = self.path / name
         if path.is_symlink():
             raise DamageError(f"{name!r} is a link")
-        file: BufferedReader = os.fdopen(os.open(path, PLAINLY), "rb")
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            file.close()
+        descriptor = os.open(path, PLAINLY)
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
             raise DamageError(f"{name!r} is not a plain file")
-        return file
+        return os.fdopen(descriptor, "rb")
 
     def open_file(self, name: str, **options: Any) -> StructFile:
         return StructFile(self.open_plain(name), name=name, **options)

@@ -135,6 +135,8 @@ class _Machine:
         _a(self.stack[-1], dict).update(zip(keys, values[1::2], strict=True))
 
     def put(self, argument: Any) -> None:
+        if argument > len(self._memo):
+            raise ValueError("a number that is not the next one")
         self._memo[argument] = self.stack[-1]
 
     def memoize(self, argument: Any) -> None:

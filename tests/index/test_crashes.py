@@ -25,7 +25,7 @@ def index(tmp_path: Path) -> MapIndex:
 
 
 def test_killed_at_random_moments(tmp_path: Path) -> None:
-    assert crashes.survive_kills(tmp_path, 12, seed=1) == 12
+    assert crashes.survive_kills(tmp_path, 10, seed=1) == 10
 
 
 @pytest.mark.parametrize("change", WHOLE.values(), ids=WHOLE)

@@ -1,0 +1,74 @@
+"""An index from a stranger runs nothing, leads nowhere, and takes no more memory than it has bytes."""
+
+import pickle
+from pathlib import Path
+
+import hostile
+import pytest
+from states import built, contents, copied, expected
+
+from m2t_text.errors import DamageError
+from m2t_text.index.store import MapIndex
+from m2t_text.index.unpickling import Made, load
+
+STATE = {"a": 5, "b": 11}
+
+
+@pytest.fixture(scope="module")
+def index(tmp_path_factory: pytest.TempPathFactory) -> MapIndex:
+    index = built(tmp_path_factory.mktemp("hostile") / "index", STATE)
+    index.optimize()
+    index.search(next(index.documents()).text)  # loads what the processes need
+    return index
+
+
+@pytest.mark.parametrize("name", hostile.ATTACKS)
+def test_a_hostile_index_is_refused(index: MapIndex, tmp_path: Path, name: str) -> None:
+    told = hostile.suffer(index, tmp_path / "index", tmp_path / "canary", hostile.ATTACKS[name])
+    assert told is not None and told.isprintable() and str(tmp_path / "index") in told
+
+
+def test_the_tools_of_the_attacks_harm_nothing_by_themselves(index: MapIndex, tmp_path: Path) -> None:
+    for tool in (hostile.forge, hostile.reassemble):
+        copy = copied(index, tmp_path / "index")
+        tool(copy.path)
+        assert hostile.suffer(copy, tmp_path / "again", tmp_path / "canary", lambda path, canary: None) is None
+        assert contents(copy) == expected(STATE)
+
+
+def test_a_linked_folder_for_what_is_not_committed_keeps_its_files(index: MapIndex, tmp_path: Path) -> None:
+    copy = copied(index, tmp_path / "index")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "letter").write_text("dear")
+    (copy.path / "MAIN.tmp").symlink_to(tmp_path / "letters")
+    copy.replace("a", [])
+    assert [file.name for file in (tmp_path / "letters").iterdir()] == ["letter"]
+    assert contents(copy) == expected({"b": 11})
+
+
+@pytest.mark.parametrize("protocol", [2, 5])
+def test_plain_data_is_read_as_python_does(protocol: int) -> None:
+    data = {
+        "a": [1, -5, 70_000, 2**40, None, True, 0.5],
+        "ü" * 300: ((), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
+    }
+    data["many"] = list(range(3000))  # type: ignore[assignment]
+    assert load(pickle.dumps(data, protocol) + b"more") == (data, len(pickle.dumps(data, protocol)))
+    assert load(pickle.dumps({1, 2, 300}, 5))[0] == {1, 2, 300}
+
+
+def test_objects_are_described_and_not_made() -> None:
+    name = "builtins object"
+    made, _ = load(b"\x80\x02cbuiltins\nobject\n)\x81}X\x01\x00\x00\x00aK\x05sb.", frozenset({name}))
+    assert isinstance(made, Made) and made.name == name and made.state == {"a": 5}
+    for broken in (
+        b"",
+        b"\x80\x02",
+        b".",
+        b"\x80\x02]",
+        b"\x80\x02}K\x01K\x02s.",
+        b"\x80\x02h\x05.",
+        b"\x80\x02e.",
+    ):
+        with pytest.raises(DamageError):
+            load(broken, frozenset({name}))

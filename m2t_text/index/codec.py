@@ -122,7 +122,11 @@ class MapDocReader(W3PerDocReader):
     def name(self, field: str, docnum: int) -> str:
         """A map's id, or the name of its dataset."""
         dataset = str(self.stored("dataset")[docnum].decode())
-        return dataset if field == "dataset" else map_id_of(dataset, self.stored("first_scan")[docnum])
+        return dataset if field == "dataset" else map_id_of(dataset, int(self.first_scans()[docnum]))
+
+    def first_scans(self) -> Any:
+        """(D,) of each map, from the column that the maps themselves are read from."""
+        return self.stored("record").array["first_scan"]
 
     def stored_fields(self, docnum: int) -> dict[str, Any]:
         return {field: self.name(field, docnum) for field in NAMES}
@@ -193,7 +197,7 @@ class MapTerms(TermsReader):
         dataset, _, number = name.rpartition("/")
         if fieldname != "map_id" or not number.isdecimal() or map_id_of(dataset, int(number[:20])) != name:
             return []
-        scans = self._columns.stored("first_scan").array
+        scans = self._columns.first_scans()
         return np.flatnonzero((scans == int(number)) & (names.codes == names.code(dataset))).tolist()
 
     def _sorted(self, fieldname: str) -> list[bytes]:

@@ -10,7 +10,7 @@ from whoosh.columns import Column, ColumnReader, ColumnWriter
 
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, LogError
-from m2t_text.index.texts import Texts, pack
+from m2t_text.index.texts import MOST, RUN, Texts, pack
 from m2t_text.logs import checked_name
 
 HEADER = np.dtype([("maps", "<u8"), ("keypoints", "<u8"), ("runs", "<u8"), ("wide", "<u8")])
@@ -74,13 +74,19 @@ class KeypointColumn(Column):
                 raise DamageError("the keypoints of the maps are damaged")
             table, *sections = (view(dbfile, *part) for part in zip(begins[1:-1], sizes[1:], strict=True))
             counts = np.frombuffer(table, COUNTS).reshape(3, maps)
-            self.texts = Texts.read(counts, *sections)
-            whole = (counts.sum(axis=1, dtype=np.int64) == (keypoints, runs, wide)).all()
-            if not (whole and ((counts[2] == 0) | (counts[2] == counts[0])).all()):
+            if tuple(counts.sum(axis=1, dtype=np.int64)) != (keypoints, runs, wide) or not _possible(counts):
                 raise DamageError("the keypoints of the maps are damaged")
+            self.texts = Texts.read(counts, *sections)
 
         def __getitem__(self, docnum: int) -> Text:
             return self.texts.text(docnum)
+
+
+def _possible(counts: NDArray[np.uint32]) -> bool:
+    """Whether texts can have these (3, D) numbers of keypoints, runs and wide keypoints."""
+    keypoints, runs, wide = counts.astype(np.int64)
+    filled = (runs <= keypoints) & (keypoints <= RUN * runs) & (keypoints <= MOST)
+    return bool((filled & ((wide == 0) | (wide == keypoints))).all())
 
 
 class ArrayColumn(Column):
@@ -181,7 +187,9 @@ class NameColumn(Column):
 def _names(data: bytes) -> list[str]:
     """Names as JSON has them, if they can be names of datasets."""
     try:
-        names = json.loads(data)
-        return [checked_name(name) if name else name for name in names]
+        names = [name if name == "" else checked_name(name) for name in json.loads(data)]
     except (ValueError, TypeError, AttributeError, RecursionError, LogError) as error:
         raise DamageError("the names of the datasets are damaged") from error
+    if len(set(names)) < len(names):
+        raise DamageError("the names of the datasets are damaged")
+    return names

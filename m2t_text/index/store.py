@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import NullQuery, Query
@@ -81,7 +82,8 @@ class MapIndex:
     def pinned(self) -> "MapIndex":
         """The same index at its latest committed state, which it keeps whatever is committed later."""
         pinned = MapIndex(self.path, self.whoosh, self.parameters)
-        pinned._state, pinned._pinned = self._current(), True
+        with self._reading() as state:
+            pinned._state, pinned._pinned = state, True
         return pinned
 
     @contextmanager
@@ -105,32 +107,35 @@ class MapIndex:
             writer.optimize = True
 
     def __len__(self) -> int:
-        return len(self._current())
+        with self._reading() as state:
+            return len(state)
 
     @property
     def ids(self) -> list[str]:
         """The ids of all maps, sorted."""
-        return self._current().ids
+        with self._reading() as state:
+            return state.ids
 
     def document(self, map_id: str) -> Document:
         """The map of this id, exactly as it was indexed. An id that the index lacks is a QueryError."""
-        document = self._current().document(map_id)
+        with self._reading() as state:
+            document = state.document(map_id)
         if document is None:
             raise QueryError(f"no map {map_id!r} in {self.path}")
         return document
 
     def documents(self, dataset: str | None = None) -> Iterator[Document]:
         """The maps of a dataset, or all, ordered by id."""
-        for place in self._current().places():
-            if dataset is None or place.dataset == dataset:
-                yield place.document(text=True)
+        with self._reading() as state:
+            for place in state.places():
+                if dataset is None or place.dataset == dataset:
+                    yield place.document(text=True)
 
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""
-        state = self._current()
-        drives = state.searcher.schema["text"].drives
-        maps = state.maps()
-        with reading(self.path):
+        with self._reading() as state:
+            drives = state.searcher.schema["text"].drives
+            maps = state.maps()
             for name in maps:
                 if name not in drives:
                     raise DamageError(f"dataset {name!r} is not in its table of contents")
@@ -138,9 +143,9 @@ class MapIndex:
 
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
-        state = self._current()
-        size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
-        return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
+        with self._reading() as state:
+            size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
+            return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
 
     def search(
         self,
@@ -162,7 +167,28 @@ class MapIndex:
         Raises:
             QueryError: if the filter is not in the query language.
         """
-        state, model = self._current(), self.model(method)
+        model = self.model(method)
+        query = self.parse(filter) if isinstance(filter, str) else filter
+        with self._reading() as state:
+            places, scores = state.best(text, model, top, self._allowed(state, exclude, query))
+            documents = [place.document() for place in places]
+        ids = [document.map_id for document in documents]
+        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
+        cell = self.parameters.mapping.cell
+        return [
+            Hit(
+                documents[k],
+                float(scores.score[k]),
+                int(scores.matched[k]),
+                scores.alignment[k] * [cell, cell, 1.0],
+            )
+            for k in ranked[: top or None]
+        ]
+
+    def _allowed(
+        self, state: State, exclude: tuple[str, float, float] | None, filter: Query | None
+    ) -> list[NDArray[np.bool_]]:
+        """Of each segment (D,) which documents a search may find."""
         allowed = [leaf.live for leaf in state.leaves]
         if exclude is not None:
             dataset, travel, metres = exclude
@@ -171,25 +197,14 @@ class MapIndex:
             ]
             allowed = [live & ~out for live, out in zip(allowed, near, strict=True)]
         if filter is not None:
-            matching = state.matching(self.parse(filter) if isinstance(filter, str) else filter)
+            matching = state.matching(filter)
             allowed = [live & match for live, match in zip(allowed, matching, strict=True)]
-        places, scores = state.best(text, model, top, allowed)
-        ids = [place.map_id for place in places]
-        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
-        cell = self.parameters.mapping.cell
-        return [
-            Hit(
-                places[k].document(),
-                float(scores.score[k]),
-                int(scores.matched[k]),
-                scores.alignment[k] * [cell, cell, 1.0],
-            )
-            for k in ranked[: top or None]
-        ]
+        return allowed
 
     def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":
         """The scores of all maps at once, in the order of `ids`."""
-        return self._current().scores(text, self.model(method))
+        with self._reading() as state:
+            return state.scores(text, self.model(method))
 
     def model(self, method: "Method" = "m2t") -> "MapWeighting":
         """The weighting of this index's profile."""
@@ -216,12 +231,16 @@ class MapIndex:
             raise QueryError(f"{string!r} is not a query: {broken[0] if broken else 'it is empty'}")
         return query
 
-    def _current(self) -> State:
-        """The latest committed state. It is opened anew after each commit: Whoosh's refresh mixes states up."""
-        state = self._state
-        if state is None or not (self._pinned or state.searcher.up_to_date()):
-            with reading(self.path):
+    @contextmanager
+    def _reading(self) -> Iterator[State]:
+        """The latest committed state; damage that shows in the block is told as `reading` does.
+
+        It is opened anew after each commit: Whoosh's refresh mixes states up.
+        """
+        with reading(self.path):
+            state = self._state
+            if state is None or not (self._pinned or state.searcher.up_to_date()):
                 state = State(self.whoosh.searcher())
-                _ = state.keypoints  # opens all texts, so that damage shows here and nowhere else
-            self._state = state
-        return state
+                _ = state.keypoints  # opens all texts: an index with a damaged segment answers nothing
+                self._state = state
+            yield state

@@ -10,6 +10,7 @@ from m2t_text.description.text import Text
 from m2t_text.errors import DamageError
 
 RUN = 64  # keypoints in a run at most: a word of 10 bits leaves 6 for the count
+MOST = 1 << 20  # keypoints of a map at most: sums over them fit into the digits of `planes`
 
 Bytes = NDArray[np.uint8]
 SignedBytes = NDArray[np.int8]
@@ -71,10 +72,10 @@ class Texts(NamedTuple):
             x, y = x + high[:, 0], y + high[:, 1]
         first, last = self.run_starts[document : document + 2].tolist()
         runs = self.runs[2 * first : 2 * last].astype(np.uint16).reshape(-1, 2)
-        words = unpack_words(runs[:, 0] | runs[:, 1] << 8)
-        if len(words) != len(x) or (np.diff(words) < 0).any():
+        packed = runs[:, 0] | runs[:, 1] << 8
+        if (packed % RUN + 1).sum() != len(x) or (np.diff((packed // RUN).astype(np.int16)) < 0).any():
             raise DamageError("the keypoints of the maps are damaged")
-        return Text(x, y, words)
+        return Text(x, y, unpack_words(packed))
 
 
 def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:

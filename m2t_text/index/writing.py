@@ -18,6 +18,7 @@ from m2t_text.index.codec import MapSegment
 from m2t_text.index.committing import SegmentMaker
 from m2t_text.index.folder import open_whoosh, reading
 from m2t_text.index.schema import to_fields, to_json
+from m2t_text.index.texts import MOST
 from m2t_text.logs import checked_name
 
 DEAD = 0.25  # share of deleted documents from which a segment is written anew
@@ -153,6 +154,8 @@ def check(document: Document, name: str) -> None:
             raise MapIndexError(f"map {document.map_id!r} has numbers that are missing or not finite")
     if not isinstance(document.text, Text) or not in_order(document.text):
         raise MapIndexError(f"map {document.map_id!r} has no text of ordered words; make it with Text.of")
+    if len(document.text) > MOST:
+        raise MapIndexError(f"map {document.map_id!r} has {len(document.text):,} keypoints, more than {MOST:,}")
 
 
 def in_order(text: Text) -> bool:

@@ -33,6 +33,7 @@ ATTACKS: dict[str, Attack] = {}
 
 MEMORY = 1 << 30  # bytes that a reader may take beside what it has
 SECONDS = 20  # that it may take
+KEYPOINTS, RUNS, WIDE = range(3)  # rows of the numbers in a column of keypoints
 
 
 def attack(function: Attack) -> Attack:
@@ -210,13 +211,38 @@ def a_segments_dataset_with_a_name_of_commands(path: Path, canary: Path) -> None
 
 
 @attack
-def a_map_with_a_name_of_commands(path: Path, canary: Path) -> None:
-    reassemble(path, {"map_id": lambda data: data.replace(b"a/0000", b"a\x1b[2J/")})
+def maps_of_a_dataset_with_a_name_of_commands(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: data.replace(b'"a"', b'"\\u001b[2J"')})
 
 
 @attack
-def a_map_with_a_name_that_turns_the_text_around(path: Path, canary: Path) -> None:
-    reassemble(path, {"map_id": lambda data: data.replace(b"a/0000", "a/\u202e0".encode())})
+def maps_of_a_dataset_with_a_name_that_turns_the_text_around(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: data.replace(b'"a"', '"\u202e"'.encode())})
+
+
+@attack
+def maps_of_two_datasets_of_one_name(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: data.replace(b'"a"', b'"b"')})
+
+
+@attack
+def maps_of_a_dataset_without_a_name(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: data.replace(b'"a"', b"0")})
+
+
+@attack
+def maps_of_a_dataset_beyond_the_last(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: struct.pack("<i", 2) + data[4:]})
+
+
+@attack
+def maps_of_a_dataset_before_the_first(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: struct.pack("<i", -1) + data[4:]})
+
+
+@attack
+def names_that_nest_without_end(path: Path, canary: Path) -> None:
+    reassemble(path, {"dataset": lambda data: data.replace(b'"a"', b"[" * 200_000)})
 
 
 @attack
@@ -362,12 +388,33 @@ def more_keypoints_than_there_are(path: Path, canary: Path) -> None:
 
 @attack
 def keypoints_of_one_map_that_are_anothers(path: Path, canary: Path) -> None:
-    reassemble(path, {"text": lambda data: recounted(data, "keypoints", 5)})
+    reassemble(path, {"text": lambda data: recounted(data, KEYPOINTS, 5)})
 
 
 @attack
 def runs_of_one_map_that_are_anothers(path: Path, canary: Path) -> None:
-    reassemble(path, {"text": lambda data: recounted(data, "runs", 3)})
+    reassemble(path, {"text": lambda data: recounted(data, RUNS, 3)})
+
+
+@attack
+def a_text_with_many_runs_and_few_keypoints(path: Path, canary: Path) -> None:
+    def lengthen(data: bytes) -> bytes:
+        counts = np.zeros_like(counts_of(data))
+        counts[RUNS, 0] = 1 << 24  # of 64 keypoints each, if one believes them
+        head = np.array([(counts.shape[1], 0, 1 << 24, 0)], HEADER)
+        return head.tobytes() + counts.tobytes() + b"\xff" * (2 << 24)
+
+    reassemble(path, {"text": lengthen})
+
+
+@attack
+def keypoints_of_which_few_are_wide(path: Path, canary: Path) -> None:
+    def widen(data: bytes) -> bytes:
+        counts = counts_of(data)
+        counts[WIDE, 0] += 1
+        return recounted_as(reheaded(data, wide=int(counts[WIDE].sum())), counts) + bytes(2)
+
+    reassemble(path, {"text": widen})
 
 
 @attack
@@ -378,16 +425,6 @@ def runs_longer_than_the_text(path: Path, canary: Path) -> None:
 @attack
 def words_that_do_not_ascend(path: Path, canary: Path) -> None:
     reassemble(path, {"text": lambda data: rerun(data, lambda runs: runs ^ (np.arange(len(runs)) % 2 << 15))})
-
-
-@attack
-def names_that_all_take_the_whole_column(path: Path, canary: Path) -> None:
-    def enlarge(data: bytes) -> bytes:
-        count = int(np.flatnonzero(np.frombuffer(data[: len(data) // 4 * 4], "<u4") > 1 << 20)[0]) - 1
-        offsets = np.tile([0, len(data)], count)[: count + 1].astype("<u4")
-        return offsets.tobytes() + data[offsets.nbytes :]
-
-    reassemble(path, {"dataset": enlarge})
 
 
 @attack
@@ -566,20 +603,36 @@ def reheaded(data: bytes, **numbers: int) -> bytes:
     return head.tobytes() + data[HEADER.itemsize :]
 
 
-def recounted(data: bytes, name: str, change: int) -> bytes:
-    """A column of keypoints in which one document has more of something, and the next one less."""
+def counts_of(data: bytes) -> Any:
+    """(3, maps) numbers of keypoints, of runs and of wide keypoints."""
     maps = int(np.frombuffer(data, HEADER, 1)["maps"][0])
-    counts = np.frombuffer(data, COUNTS, maps, HEADER.itemsize).copy()
-    largest = int(np.argmax(counts[name]))
-    counts[name][largest] -= change
-    counts[name][largest - 1] += change
+    return np.frombuffer(data, COUNTS, 3 * maps, HEADER.itemsize).reshape(3, maps).copy()
+
+
+def scrambled(data: bytes, seed: int) -> bytes:
+    """A column of keypoints of the same numbers, but with random bytes for their words and cells."""
+    begin = HEADER.itemsize + counts_of(data).nbytes
+    return data[:begin] + np.random.default_rng(seed).bytes(len(data) - begin)
+
+
+def recounted_as(data: bytes, counts: Any) -> bytes:
+    """A column of keypoints with other numbers of them."""
     return data[: HEADER.itemsize] + counts.tobytes() + data[HEADER.itemsize + counts.nbytes :]
+
+
+def recounted(data: bytes, row: int, change: int) -> bytes:
+    """A column of keypoints in which one document has more of something, and the next one less."""
+    counts = counts_of(data)
+    largest = int(np.argmax(counts[row]))
+    counts[row, largest] -= change
+    counts[row, largest - 1] += change
+    return recounted_as(data, counts)
 
 
 def rerun(data: bytes, change: Callable[[Any], Any]) -> bytes:
     """A column of keypoints with other runs of words."""
     head = np.frombuffer(data, HEADER, 1)[0]
-    begin = HEADER.itemsize + int(head["maps"]) * COUNTS.itemsize
+    begin = HEADER.itemsize + counts_of(data).nbytes
     runs = np.frombuffer(data, "<u2", int(head["runs"]), begin)
     changed = np.asarray(change(runs)).astype("<u2").tobytes()
     return data[:begin] + changed + data[begin + len(changed) :]

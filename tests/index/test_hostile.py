@@ -3,15 +3,20 @@
 import pickle
 from pathlib import Path
 
+import children
 import hostile
+import numpy as np
 import pytest
+from map_oracle import document, random_text
 from states import built, contents, copied, expected
 
-from m2t_text.errors import DamageError
+from m2t_text.errors import DamageError, MapIndexError
 from m2t_text.index.store import MapIndex
 from m2t_text.index.unpickling import Made, load
+from m2t_text.index.weighting import HistogramIntersection, OffsetAgreement
 
 STATE = {"a": 5, "b": 11}
+BAGS = HistogramIntersection(None)
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +49,30 @@ def test_a_linked_folder_for_what_is_not_committed_keeps_its_files(index: MapInd
     copy.replace("a", [])
     assert [file.name for file in (tmp_path / "letters").iterdir()] == ["letter"]
     assert contents(copy) == expected({"b": 11})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_keypoints_lead_no_search_astray(index: MapIndex, tmp_path: Path, seed: int) -> None:
+    copy = copied(index, tmp_path / "index")
+    wide = [document("b", k, random_text(np.random.default_rng(k), 150, span=300, words=3)) for k in range(3)]
+    copy.replace("b", wide)
+    copy.optimize()
+    hostile.reassemble(copy.path, {"text": lambda data: hostile.scrambled(data, seed)})
+
+    def work() -> None:
+        attacked = MapIndex.open(copy.path)
+        with pytest.raises(MapIndexError, match="cannot be read"):
+            contents(attacked)
+        for text in (wide[0].text, random_text(np.random.default_rng(seed), 40)):
+            for model in (OffsetAgreement(), OffsetAgreement(window=20), HistogramIntersection(), BAGS):
+                with attacked._reading() as state:
+                    scores = state.scores(text, model)
+                    every = [leaf.live for leaf in state.leaves]
+                    best = state.best(text, model, 2, every)[1]
+                assert (scores.matched >= 0).all() and (scores.matched <= len(text)).all()
+                assert np.isfinite(scores.score).all() and len(best.score) <= len(scores.score)
+
+    children.call(work)
 
 
 @pytest.mark.parametrize("protocol", [2, 5])

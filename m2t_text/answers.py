@@ -10,6 +10,7 @@ from m2t_text.finding import Finding, Found, find
 from m2t_text.index.results import IndexInfo
 from m2t_text.index.store import MapIndex
 from m2t_text.queries import Context, Query, resolve
+from m2t_text.sources import SourceOptions
 
 
 @dataclass(frozen=True)
@@ -78,14 +79,16 @@ def _result(rank: int, result: Found) -> dict[str, Any]:
     }
 
 
-def search(target: str, index: MapIndex, options: SearchOptions, name: str | None = None) -> Answer:
-    """Finds the maps of the index that show what ``target`` names; ``name`` is its dataset, if it is a log.
+def search(
+    target: str, index: MapIndex, options: SearchOptions, reading: SourceOptions | None = None
+) -> Answer:
+    """Finds the maps of the index that show what ``target`` names; ``reading`` says how, if it is a file.
 
     Raises:
-        QueryError, LogError, TextError: if it names nothing that can be searched.
+        QueryError, SourceError, TextError: if it names nothing that can be searched.
     """
     begin = perf_counter()
-    query = resolve(target, Context(index.parameters, index, name))
+    query = resolve(target, Context(index.parameters, index, reading or SourceOptions()))
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     described = perf_counter() - begin

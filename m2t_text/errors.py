@@ -5,7 +5,11 @@ class M2TError(Exception):
     """A known problem; its message is one line that says what, where and what to do."""
 
 
-class LogError(M2TError):
+class SourceError(M2TError):
+    """A source that cannot be read."""
+
+
+class LogError(SourceError):
     """A laser log that cannot be read."""
 
 

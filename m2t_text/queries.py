@@ -3,7 +3,7 @@
 import re
 import sys
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,8 @@ from m2t_text.description.text import Text, parse
 from m2t_text.errors import QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
-from m2t_text.logs import Log, read_log
+from m2t_text.logs import Log
+from m2t_text.sources import SourceOptions, open_log
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
@@ -55,19 +56,19 @@ class Context:
     Attributes:
         parameters: those of the index where there is one.
         index: None where there is none; logs and texts need none.
-        name: the dataset's name of a log, where it is not the file's.
+        options: how to read files, with the dataset's name of a log where it is not the file's.
     """
 
     parameters: Parameters
     index: MapIndex | None = None
-    name: str | None = None
+    options: SourceOptions = field(default_factory=SourceOptions)
 
 
 def resolve(target: str, context: Context) -> Query:
     """The query that a string names.
 
     Raises:
-        QueryError, LogError: one line saying what there is instead, or what to try.
+        QueryError, SourceError: one line saying what there is instead, or what to try.
         TextError: naming the broken token.
     """
     if target == "-":
@@ -90,7 +91,7 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if number is None:
         kind = "the number of a scan, as #40" if run["kind"] == "#" else "metres of travel, as @12.5"
         raise QueryError(f"{run[0]!r} does not end in {kind}")
-    log = read_log(Path(run["log"]), context.name)
+    log = open_log(Path(run["log"]), context.options)
     scan = int(number) if run["kind"] == "#" else _scan_after(number, log, context)
     if scan >= len(log.scans):
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")

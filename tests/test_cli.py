@@ -345,7 +345,7 @@ def test_the_environment_names_the_index(
         (["info", "--index", "missing"], "no index in missing"),
         (["index"], "Missing argument"),
         (["index", "missing.log"], "'missing.log' does not exist; nothing was indexed"),
-        (["index", "."], "is a folder; name the logs in it"),
+        (["index", "."], "is a folder; name the files in it; nothing was indexed"),
         (["index", "LOG", "--profile", "papper"], "no profile 'papper'; there are default, paper"),
         (["index", "LOG", "--profile", "paper"], "profile 'default', asked for 'paper'"),
         (["index", "LOG", "LOG"], "2 sources would be the dataset 'drive'"),

@@ -16,6 +16,7 @@ from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
 from m2t_text.queries import Context, Query, resolve
+from m2t_text.sources import SourceOptions
 
 DEFAULT = PROFILES["default"]
 
@@ -63,7 +64,7 @@ def test_metres_of_a_log_without_an_index_are_wheel_odometry(simulated: Path) ->
 
 
 def test_a_log_may_have_another_name_in_the_index(simulated: Path, context: Context) -> None:
-    query = resolve(f"{simulated}#40", Context(DEFAULT, context.index, name="other"))
+    query = resolve(f"{simulated}#40", Context(DEFAULT, context.index, options=SourceOptions("other")))
     assert query.document is not None and query.document.dataset == "other"
 
 

@@ -62,10 +62,11 @@ def search(
     from m2t_text.answers import SearchOptions
     from m2t_text.answers import search as find
     from m2t_text.index.store import MapIndex
+    from m2t_text.sources import SourceOptions
 
     _check(plot)
     options = SearchOptions(top, exclude_travel, not no_verify)
-    answer = find(query, MapIndex.open(index), options, name)
+    answer = find(query, MapIndex.open(index), options, SourceOptions(name))
     if plot is not None:
         _draw(answer, plot)
     if as_json:
@@ -94,10 +95,12 @@ def inspect(
     from m2t_text.answers import inspection
     from m2t_text.config import PROFILES
     from m2t_text.queries import Context, resolve
+    from m2t_text.sources import SourceOptions
 
     _check(plot)
     opened = _if_any(index)
-    found = resolve(target, Context(opened.parameters if opened else PROFILES["default"], opened, name))
+    parameters = opened.parameters if opened else PROFILES["default"]
+    found = resolve(target, Context(parameters, opened, SourceOptions(name)))
     if plot is not None:
         from m2t_text.plots import plot_document
 

@@ -103,9 +103,10 @@ def index(
     """
     from m2t_text.index.store import MapIndex
     from m2t_text.indexing import Request, index_sources
+    from m2t_text.sources import SourceOptions
 
     with bars() as progress:
-        report = index_sources(Request(sources, index, profile, cores(jobs), name), progress)
+        report = index_sources(Request(sources, index, profile, cores(jobs), SourceOptions(name)), progress)
     for dataset in report.indexed:
         for warning in dataset.warnings:
             note(f"warning: {dataset.name}: {warning}")

@@ -10,12 +10,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from m2t_text.errors import LogError
-from m2t_text.files import written_whole
+from m2t_text.files import shown, written_whole
 from m2t_text.geometry import between, compose, travel
 from m2t_text.logs.building import SHORTEST, Building, build
 from m2t_text.logs.carmen import half_circle
 from m2t_text.logs.driving import drive, part_of_tour, walks
-from m2t_text.logs.lines import shown
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import chain
 from m2t_text.logs.raycast import cast

@@ -1,5 +1,6 @@
 """What the commands answer, as objects that are printed, saved as JSON and compared."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -9,6 +10,7 @@ from m2t_text.errors import QueryError
 from m2t_text.finding import Finding, Found, find
 from m2t_text.index.results import IndexInfo
 from m2t_text.index.store import MapIndex
+from m2t_text.keeping import Unreadable
 from m2t_text.queries import Context, Query, resolve
 from m2t_text.sources import SourceOptions
 
@@ -80,12 +82,22 @@ def _result(rank: int, result: Found) -> dict[str, Any]:
 
 
 def search(
-    target: str, index: MapIndex, options: SearchOptions, reading: SourceOptions | None = None
+    target: str,
+    index: MapIndex,
+    options: SearchOptions = SearchOptions(),
+    reading: SourceOptions | None = None,
 ) -> Answer:
     """Finds the maps of the index that show what ``target`` names; ``reading`` says how, if it is a file.
 
     Raises:
         QueryError, SourceError, TextError: if it names nothing that can be searched.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> answer = m2t.search("drive.log@8", index, m2t.SearchOptions(top=1))
+        >>> answer.query.title == answer.finding.results[0].hit.map_id
+        True
     """
     begin = perf_counter()
     query = resolve(target, Context(index.parameters, index, reading or SourceOptions()))
@@ -125,3 +137,19 @@ def summary(info: IndexInfo) -> dict[str, Any]:
         "bytes": info.bytes,
         "datasets": [asdict(dataset) for dataset in info.datasets],
     }
+
+
+def listing(indexes: Sequence[IndexInfo | Unreadable]) -> list[dict[str, Any]]:
+    """The indexes of one folder, in ``info --json``."""
+    return [
+        {"path": str(one.path), "error": one.reason}
+        if isinstance(one, Unreadable)
+        else {
+            "path": str(one.path),
+            "profile": one.parameters.profile,
+            "maps": one.maps,
+            "bytes": one.bytes,
+            "datasets": [dataset.name for dataset in one.datasets],
+        }
+        for one in indexes
+    ]

@@ -1,8 +1,18 @@
 """The one root of all errors that a user can cause or mend."""
 
+from collections.abc import Sequence
+
+SHOWN = 5  # names in a message
+
 
 class M2TError(Exception):
     """A known problem; its message is one line that says what, where and what to do."""
+
+
+def shown(names: Sequence[str]) -> str:
+    """The first few of any number of names, for a message of one line."""
+    more = len(names) - SHOWN
+    return ", ".join(names[:SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 class SourceError(M2TError):
@@ -23,3 +33,7 @@ class MapIndexError(M2TError):
 
 class QueryError(M2TError):
     """A query or target that names nothing that exists."""
+
+
+class FetchError(M2TError):
+    """A public log that is not known, or cannot be downloaded."""

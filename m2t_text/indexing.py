@@ -11,7 +11,7 @@ from whoosh.index import exists_in
 
 from m2t_text.config import PROFILES, Parameters, parameters_of
 from m2t_text.errors import SourceError
-from m2t_text.index.store import MapIndex
+from m2t_text.index.store import MapIndex, open_index
 from m2t_text.index.writing import MapWriter
 from m2t_text.sources import SourceOptions, dataset_names, open_source
 
@@ -80,7 +80,7 @@ def index_sources(request: Request, progress: Progress | None = None) -> Report:
                 report.failed.append(str(error))
                 continue
             # The index is made, and locked, not before there is something to put into it.
-            writer = writer or commit.enter_context(_opened(request.index, parameters).writer())
+            writer = writer or commit.enter_context(open_index(request.index, parameters).writer())
             writer.replace(name, described.documents, described.drive)
             scans, _ = described.drive
             report.indexed.append(Indexed(name, scans, perf_counter() - begin, source.warnings))
@@ -95,7 +95,3 @@ def _parameters(request: Request) -> Parameters:
     if exists_in(str(request.index)):
         return MapIndex.open(request.index, wanted).parameters
     return wanted or PROFILES["default"]
-
-
-def _opened(path: Path, parameters: Parameters) -> MapIndex:
-    return MapIndex.open(path, parameters) if exists_in(str(path)) else MapIndex.create(path, parameters)

@@ -31,6 +31,11 @@ class Query:
     text: Text
     document: Document | None = None
 
+    @classmethod
+    def of(cls, document: Document) -> "Query":
+        """To look up what a map shows."""
+        return cls(document.text, document)
+
     @property
     def title(self) -> str:
         """The map's id, if there is a map."""
@@ -74,8 +79,7 @@ def resolve(target: str, context: Context) -> Query:
     if target == "-":
         return Query(_parsed(_standard_input(), "standard input"))
     if context.index is not None and target in context.index.ids:
-        document = context.index.document(target)
-        return Query(document.text, document)
+        return Query.of(context.index.document(target))
     run = RUN.fullmatch(target)
     if run and (_number(run) is not None or Path(run["log"]).is_file()):
         return _run_of_log(run, context)
@@ -99,14 +103,14 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if context.index is not None and document.map_id in context.index.ids:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
-        return Query(document.text, replace(document, travel=stored.travel, pose=stored.pose))
+        return Query.of(replace(document, travel=stored.travel, pose=stored.pose))
     way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    return Query(document.text, document)
+    return Query.of(document)
 
 
 def _number(run: re.Match[str]) -> float | None:
@@ -181,6 +185,4 @@ def _unknown(target: str, context: Context) -> str:
     if ids:
         nearest = min(ids, key=lambda map_id: abs(int(map_id.rpartition("/")[2]) - number))
         return f"no map {target!r} in {context.index.path}; the nearest of its {len(ids)} maps is {nearest}"
-    known = [summary.name for summary in context.index.datasets()]
-    shown = ", ".join(known[:5]) + (f" and {len(known) - 5} more" if len(known) > 5 else "")
-    return f"no dataset {dataset!r} in {context.index.path}; it holds {shown or 'none'}"
+    return context.index.lacking(dataset)

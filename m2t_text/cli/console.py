@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from m2t_text.index.results import IndexInfo
     from m2t_text.indexing import Progress
 
 WIDE = 160  # columns of a table that no terminal shows
@@ -53,6 +54,12 @@ def print_table(title: str, columns: dict[str, str], rows: list[list[str]]) -> N
     console = _console()
     console.print(Text(clean(title), style="bold"))
     console.print(table)
+
+
+def print_held(info: "IndexInfo") -> None:
+    """What an index holds, in one line on standard output."""
+    size, profile = info.bytes / 1e6, info.parameters.profile
+    print_lines(f"{info.path} holds {info.maps:,} maps in {size:.2f} MB, profile {profile}")
 
 
 def print_lines(*lines: str) -> None:

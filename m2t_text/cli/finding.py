@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from m2t_text.answers import Answer
+    from m2t_text.index.results import IndexInfo
     from m2t_text.index.store import MapIndex
+    from m2t_text.keeping import Unreadable
 
 DEFAULT_INDEX = Path("indexes/default")
 
@@ -112,8 +114,8 @@ def inspect(
         print(found.text)
 
 
-def info(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> None:
-    """Say what an index holds.
+def info(context: typer.Context, index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> None:
+    """Say what an index holds; if none is named, also which others lie in indexes/.
 
     [bold]Examples[/bold]
 
@@ -121,17 +123,43 @@ def info(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> Non
     m2t-text info
     m2t-text info --index indexes/office --json
     """
-    from m2t_text.answers import summary
+    from m2t_text.answers import listing, summary
     from m2t_text.index.store import MapIndex
+    from m2t_text.keeping import indexes_in
 
-    held = MapIndex.open(index).info()
+    source = context.get_parameter_source("index")
+    unnamed = source is not None and source.name == "DEFAULT"
+    beside = indexes_in(index.parent) if unnamed else []
     if as_json:
-        print_json(summary(held))
+        document = summary(MapIndex.open(index).info())
+        print_json(document | {"indexes": listing(beside)} if unnamed else document)
         return
+    if index.exists() or not beside:
+        _print_info(MapIndex.open(index).info())
+    if [one.path for one in beside] not in ([], [index]):
+        _print_indexes(index.parent, beside)
+
+
+def _print_info(held: "IndexInfo") -> None:
     rows = [[d.name, f"{d.maps:,}", f"{d.scans:,}", f"{d.travel:,.1f}"] for d in held.datasets]
     title = f"{held.path}: {held.maps:,} maps, {held.keypoints:,} keypoints, {held.bytes / 1e6:.2f} MB"
     columns = {"dataset": "left", "maps": "right", "scans": "right", "travel (m)": "right"}
     print_table(f"{title}, profile {held.parameters.profile}", columns, rows)
+
+
+def _print_indexes(folder: Path, indexes: "list[IndexInfo | Unreadable]") -> None:
+    from m2t_text.index.results import IndexInfo
+
+    rows = []
+    for one in indexes:
+        if isinstance(one, IndexInfo):
+            numbers = [f"{len(one.datasets):,}", f"{one.maps:,}", f"{one.bytes / 1e6:.2f}"]
+            rows.append([str(one.path), one.parameters.profile, *numbers])
+        else:
+            rows.append([str(one.path), "unreadable", "", "", ""])
+            note(f"warning: {one.path}: {one.reason}")
+    columns = {"index": "left", "profile": "left"} | dict.fromkeys(("datasets", "maps", "size (MB)"), "right")
+    print_table(f"{len(indexes)} indexes in {folder}; --index names one", columns, rows)
 
 
 def _print_answer(answer: "Answer") -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from m2t_text.cli.console import bars, complain, note, print_lines, print_table
+from m2t_text.cli.console import bars, complain, note, print_held, print_lines, print_table
 from m2t_text.cli.finding import DEFAULT_INDEX, IndexOption
 from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
@@ -131,8 +131,7 @@ def index(
             "seconds": "right",
         }
         print_table(f"indexed into {held.path}", columns, rows)
-        profile = held.parameters.profile
-        print_lines(f"{held.path} holds {held.maps:,} maps in {held.bytes / 1e6:.2f} MB, profile {profile}")
+        print_held(held)
     for line in report.failed:
         complain(line, 2)
     if report.failed:

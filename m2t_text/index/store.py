@@ -1,6 +1,6 @@
 """An index on disk: opening, committing, reading back and searching."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,17 +11,18 @@ from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import NullQuery, Query
 
-from m2t_text.config import Parameters
+from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import MapIndexError, QueryError
-from m2t_text.index.folder import create_whoosh, open_whoosh, sweep
+from m2t_text.errors import MapIndexError, QueryError, shown
+from m2t_text.index.folder import create_whoosh, generation, open_whoosh, sweep
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
 from m2t_text.index.writing import MapWriter, refused
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.index.weighting import MapWeighting, Method, Scores
+    from m2t_text.sources import Source, Tell
 
 LOCK_SECONDS = 2.0  # to wait for another writer
 
@@ -29,7 +30,15 @@ LOCK_SECONDS = 2.0  # to wait for another writer
 class MapIndex:
     """The maps of any number of datasets, described with the same parameters, in one folder.
 
-    Every call sees one committed state, the latest. Use `create` or `open`.
+    Every call sees one committed state, the latest. Use `open`, `create`, or `open_index` for either.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> index.document("drive/000040").last_scan > 40
+        True
+        >>> [(dataset.name, dataset.scans) for dataset in index.datasets()]
+        [('drive', 242)]
     """
 
     def __init__(self, path: Path, whoosh: Any, parameters: Parameters) -> None:
@@ -86,15 +95,63 @@ class MapIndex:
             if not whoosh.is_closed:
                 whoosh.cancel()
 
+    def add(self, source: "Source", jobs: int = 1, progress: "Tell | None" = None) -> None:
+        """Describes every local map of a source and puts them into the index as one dataset, in one commit.
+
+        A dataset of the source's name that the index holds is replaced.
+
+        Args:
+            source: see `open_source`. The ground truth of a log is not used.
+            jobs: processes that describe maps.
+            progress: is told (stage, done, all).
+
+        Raises:
+            SourceError: if there is no map in it.
+            MapIndexError: if another process keeps writing, or the disk refuses.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.open_index("indexes/new")
+            >>> index.add(m2t.open_source("drive.log"))
+            >>> index.add(m2t.LogSource(m2t.simulate(m2t.Simulation(length=24.0, travel=8.0))))
+            >>> [dataset.name for dataset in index.datasets()]
+            ['drive', 'simulated-0']
+        """
+        described = source.describe(self.parameters, jobs, progress or (lambda stage, done, of: None))
+        self.replace(source.name, described.documents, described.drive)
+
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had, in one commit; see `MapWriter.replace`."""
         with self.writer() as writer:
             writer.replace(name, documents, drive)
 
-    def optimize(self) -> None:
-        """Merges all segments into one."""
+    def remove(self, *names: str) -> None:
+        """Removes datasets with all their maps, in one commit.
+
+        Raises:
+            MapIndexError: if the index lacks one of them; nothing is removed then.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> m2t.open_index("indexes/default").remove("drives")
+            Traceback (most recent call last):
+            m2t_text.errors.MapIndexError: no dataset 'drives' in indexes/default; it holds drive
+        """
+        held = [dataset.name for dataset in self.datasets()]
+        for name in names:
+            if name not in held:
+                raise MapIndexError(self.lacking(name))
+        with self.writer() as writer:
+            for name in dict.fromkeys(names):
+                writer.remove(name)
+
+    def optimize(self, progress: Callable[[int, int], None] | None = None) -> None:
+        """Merges all segments into one without deletions; ``progress`` is told maps done, and all."""
+        maps = len(self)
         with self.writer() as writer:
             writer.optimize = True
+            if progress is not None:
+                writer.progress = lambda done: progress(done, maps)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -125,6 +182,11 @@ class MapIndex:
         names, maps = np.unique(state.datasets, return_counts=True)
         return [DatasetSummary(name, int(n), *drives[name]) for name, n in zip(names, maps, strict=True)]
 
+    def lacking(self, dataset: str) -> str:
+        """What to tell who names a dataset that the index does not hold."""
+        known = shown([summary.name for summary in self.datasets()])
+        return f"no dataset {dataset!r} in {self.path}; it holds {known or 'none'}"
+
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
         state = self._current()
@@ -151,6 +213,16 @@ class MapIndex:
 
         Raises:
             QueryError: if the filter is not in the query language.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.MapIndex.open("indexes/default")
+            >>> text = index.document("drive/000040").text
+            >>> [hit.map_id for hit in index.search(text, top=1)]
+            ['drive/000040']
+            >>> hit = index.search(text, top=1, filter="travel:[20 TO 30]")[0]
+            >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
+            (True, (3,))
         """
         state = self._current()
         scores = state.scores(text, self.model(method))
@@ -208,3 +280,28 @@ class MapIndex:
         if state is None or not state.searcher.up_to_date():
             state = self._state = State(self.whoosh.searcher())
         return state
+
+
+def open_index(path: str | Path, parameters: Parameters | None = None) -> MapIndex:
+    """The index in a folder; a new, empty one if there is none.
+
+    Args:
+        path: of the folder, which is made with those above it.
+        parameters: of a new index, those of the profile ``default`` if None. An index that is there must have
+            been made with them, if they are given.
+
+    Raises:
+        MapIndexError: if the folder holds something else, or an index of another version or other parameters,
+            or cannot be written.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.open_index("indexes/paper", m2t.PROFILES["paper"])
+        >>> len(index), index.parameters.profile
+        (0, 'paper')
+        >>> m2t.open_index("indexes/paper").parameters.mapping.run_length  # metres
+        3.0
+    """
+    if generation(Path(path)) >= 0:
+        return MapIndex.open(path, parameters)
+    return MapIndex.create(path, parameters or PROFILES["default"])

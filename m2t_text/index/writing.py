@@ -1,6 +1,7 @@
 """Putting documents into an index: checked before Whoosh sees them, and merged so that segments stay few."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ class MapWriter:
         self._replaced: set[str] = set()
         self._drives = whoosh.schema["text"].drives  # written with the table of contents, if it is
         self.optimize = False
+        self.progress: Callable[[int], None] | None = None
 
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had.
@@ -63,9 +65,13 @@ class MapWriter:
         self._whoosh.delete_by_query(Term("dataset", name))
 
     def commit(self) -> None:
-        """Makes all changes visible at once. A disk that refuses is a MapIndexError."""
+        """Makes all changes visible at once. A disk that refuses is a MapIndexError.
+
+        ``progress`` is told how many maps are in the new segment when old ones are merged into it.
+        """
+        policy = merge_all if self.optimize else merge_small
         try:
-            self._whoosh.commit(mergetype=merge_all if self.optimize else merge_small)
+            self._whoosh.commit(mergetype=partial(policy, progress=self.progress))
         except OSError as error:
             raise refused(self._path, error) from error
 
@@ -100,7 +106,7 @@ def in_order(text: Text) -> bool:
     )
 
 
-def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
+def merge_small(writer: Any, segments: list[Any], progress: Callable[[int], None] | None = None) -> list[Any]:
     """A merge policy of Whoosh: takes in every segment no larger than what is new, or with many deletions.
 
     Each segment that stays is larger than all later ones together, so their number grows with the logarithm
@@ -111,26 +117,39 @@ def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
     for segment in sorted(segments, key=live):
         if live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all():
             fresh += live(segment)
-            _take_in(writer, segment)
+            _take_in(writer, segment, progress)
         else:
             kept.append(segment)
     return kept[::-1]
 
 
-def merge_all(writer: Any, segments: list[Any]) -> list[Any]:
+def merge_all(writer: Any, segments: list[Any], progress: Callable[[int], None] | None = None) -> list[Any]:
     """A merge policy of Whoosh: one segment without deletions."""
     if len(segments) == 1 and not segments[0].has_deletions() and not writer.doc_count():
         return segments
     for segment in segments:
-        _take_in(writer, segment)
+        _take_in(writer, segment, progress)
     return []
 
 
-def _take_in(writer: Any, segment: Any) -> None:
+def _take_in(writer: Any, segment: Any, progress: Callable[[int], None] | None) -> None:
     if live(segment):
-        reader = SegmentReader(writer.storage, writer.schema, segment)
+        reader = _WatchedReader(writer.storage, writer.schema, segment)
+        reader.watch = (lambda: progress(writer.doc_count())) if progress is not None else None
         writer.add_reader(reader)
         reader.close()
+
+
+class _WatchedReader(SegmentReader):
+    """A reader that tells of each document that is copied from it."""
+
+    watch: Callable[[], None] | None = None
+
+    def iter_docs(self) -> Iterator[Any]:
+        for document in super().iter_docs():
+            yield document
+            if self.watch is not None:
+                self.watch()
 
 
 def live(segment: Any) -> int:

@@ -88,14 +88,22 @@ Reader = Callable[[Path, SourceOptions, Progress | None], Source]
 READERS: dict[str, Reader] = {".log": _open_log, ".clf": _open_log, ".gz": _open_log}
 
 
-def open_source(path: Path, options: SourceOptions | None = None, progress: Progress | None = None) -> Source:
+def open_source(
+    path: str | Path, options: SourceOptions | None = None, progress: Progress | None = None
+) -> Source:
     """Read a source by the reader of its ending; a file with any other ending is read as a laser log.
 
     ``progress`` is told (done, all). Raises SourceError with one line that says what is wrong, where, and what
     to do.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> m2t.open_source("drive.log", m2t.SourceOptions(name="monday")).name
+        'monday'
     """
-    reader = READERS.get(path.suffix.lower(), _open_log)
-    return reader(path, options or SourceOptions(), progress)
+    file = Path(path)
+    reader = READERS.get(file.suffix.lower(), _open_log)
+    return reader(file, options or SourceOptions(), progress)
 
 
 def open_log(path: Path, options: SourceOptions | None = None, progress: Progress | None = None) -> Log:

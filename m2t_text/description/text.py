@@ -79,6 +79,12 @@ def parse(string: str) -> Text:
 
     Raises:
         TextError: naming the first broken token and its position, counted from 1.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> text = m2t.parse("x12_y-3_a517 x0_y4_a9")
+        >>> str(text), len(text), text.wa.tolist()
+        ('x0_y4_a9 x12_y-3_a517', 2, [9, 517])
     """
     tokens = string.split()
     words = np.empty((len(tokens), 3), dtype=np.int64)

@@ -12,15 +12,23 @@ ENDINGS = (".log", ".clf", ".gz")
 NAME_LENGTH = 200  # characters; leaves room for endings within a file system's usual 255
 
 
-def read_log(path: Path, name: str | None = None, progress: Callable[[int, int], None] | None = None) -> Log:
+def read_log(
+    path: str | Path, name: str | None = None, progress: Callable[[int, int], None] | None = None
+) -> Log:
     """Read a laser log; ``name`` defaults to ``dataset_name(path)``.
 
     ``progress`` is called with the bytes of the file read so far and its size.
     Raises LogError with one line that says what is wrong, where, and what to do.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> log = m2t.read_log("drive.log")
+        >>> log.name, len(log.scans), log.odometry.shape
+        ('drive', 242, (242, 3))
     """
     from m2t_text.logs.carmen import read_carmen
 
-    return read_carmen(path, name, progress)
+    return read_carmen(Path(path), name, progress)
 
 
 def dataset_name(path: Path | str) -> str:

@@ -60,6 +60,12 @@ def simulate(parameters: Simulation, progress: Progress | None = None) -> Log:
 
     Raises LogError if the building would be too short, the laser have fewer than 2 beams, or nothing be left
     of the tour.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> log = m2t.simulate(m2t.Simulation(seed=1, length=24.0, travel=8.0))
+        >>> log.scans[0].ranges.shape, log.odometry.shape == (len(log.scans), 3)
+        ((180,), True)
     """
     if parameters.length < SHORTEST or parameters.beams < 2:
         raise LogError(f"a simulation needs a building of at least {SHORTEST} m and at least 2 beams")

@@ -3,6 +3,7 @@
 import ast
 import doctest
 import inspect
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import pytest
 
 import m2t_text
 
+STUB = ast.parse(Path(m2t_text.__file__).with_suffix(".pyi").read_text())
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
 EXAMPLES = [
     test
     for name in ["", *m2t_text.__all__]
@@ -39,11 +42,32 @@ def test_example(
     assert tried and not failed, "".join(report)
 
 
+def test_the_examples_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They need nothing, and make what all others need."""
+    monkeypatch.chdir(tmp_path)
+    failed, tried = doctest.testfile(str(PAGE), module_relative=False)
+    assert tried == 3 and not failed and (tmp_path / "indexes" / "default").is_dir()
+
+
+def test_the_page_describes_all_names() -> None:
+    described = set(re.findall(r"^::: m2t_text\.(\S+)$", PAGE.read_text(), re.MULTILINE))
+    homes = {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(STUB)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    constants, errors = (
+        {"config.PROFILES", "fetching.LOGS"},
+        {home for home in homes if home.startswith("errors.")},
+    )
+    assert homes - constants - errors <= described and "errors" in described
+
+
 def test_the_stub_lists_all_and_each_is_there_with_its_docstring() -> None:
     """What type checkers read is what runs."""
-    stub = ast.parse(Path(m2t_text.__file__).with_suffix(".pyi").read_text())
-    imported = [alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names]
-    exported = next(ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
+    imported = [alias.name for node in STUB.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    exported = next(ast.literal_eval(node.value) for node in STUB.body if isinstance(node, ast.Assign))
     assert sorted(imported) == sorted(exported) == sorted(m2t_text.__all__)
     for name in exported:
         thing = getattr(m2t_text, name)

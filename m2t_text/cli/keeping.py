@@ -19,7 +19,7 @@ def fetch(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="NAME...",
+            metavar="NAME",
             help="Public logs; without any, they are listed.",
             show_default=False,
             autocompletion=lambda: list(LOGS),
@@ -74,7 +74,7 @@ def fetch(
 
 
 def merge(
-    sources: Annotated[list[Path], typer.Argument(metavar="INDEX...", help="The indexes to copy from.")],
+    sources: Annotated[list[Path], typer.Argument(metavar="INDEX", help="The indexes to copy from.")],
     index: IndexOption = DEFAULT_INDEX,
     replace: Annotated[
         bool, typer.Option("--replace", help="Of datasets of the same name, keep the last.")
@@ -110,7 +110,7 @@ def merge(
 
 
 def remove(
-    datasets: Annotated[list[str], typer.Argument(metavar="DATASET...", help="Names, as `info` shows them.")],
+    datasets: Annotated[list[str], typer.Argument(metavar="DATASET", help="Names, as `info` shows them.")],
     index: IndexOption = DEFAULT_INDEX,
     as_json: JsonOption = False,
 ) -> None:

@@ -16,7 +16,7 @@ TOKEN = re.compile(r"x(-?\d{1,5})_y(-?\d{1,5})_a(\d{1,4})", re.ASCII)
 
 @dataclass(frozen=True)
 class Text:
-    """Visual words <w_x, w_y, w_a>, one a keypoint, ordered by (w_a, w_x, w_y).
+    """Visual words ``<w_x, w_y, w_a>``, one a keypoint, ordered by (w_a, w_x, w_y).
 
     Attributes:
         wx, wy: (N,) int16, pose words: floor(coordinate / 0.1 m) in the map's own frame.

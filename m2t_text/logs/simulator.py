@@ -111,7 +111,7 @@ def _odometry(rng: Generator, start: Floats, steps: Floats, moved: Floats, param
     return chain(start, np.column_stack([move, turn]))
 
 
-def write_carmen(log: Log, path: Path) -> None:
+def write_carmen(log: Log, path: str | Path) -> None:
     """Write a log as CARMEN messages, gzipped if the name ends in ``.gz``; the file appears whole or not.
 
     The form is that of corrected logs: both poses of a scan are the laser's true pose, and lines of raw
@@ -119,6 +119,7 @@ def write_carmen(log: Log, path: Path) -> None:
     lie on the robot's x axis and sweep 180 degrees, as the form has no place for more. Raises LogError if the
     file cannot be written.
     """
+    path = Path(path)
     data = "".join(f"{line}\n" for line in _carmen_lines(log)).encode("ascii")
     if path.name.endswith(".gz"):
         data = gzip.compress(data, mtime=0)

@@ -58,11 +58,12 @@ def fetch(
 
     logs = [public_log(name) for name in names or LOGS]
     place = (folder or cache_folder()).absolute()
-    paths = [path if (path := place / log.file).is_file() else None for log in logs]
     if names:
         pooch.get_logger().setLevel("WARNING")  # its line for each download would break the progress bar
         with bars() as progress:
-            paths = [download(log.name, place, mirror, partial(progress, log.name, "fetching")) for log in logs]
+            for log in logs:
+                download(log.name, place, mirror, partial(progress, log.name, "fetching"))
+    paths = [path if (path := place / log.file).is_file() else None for log in logs]
     if as_json:
         found = [asdict(log) | {"path": path and str(path)} for log, path in zip(logs, paths, strict=True)]
         print_json({"logs": found})

@@ -1,4 +1,4 @@
-"""The one root of all errors that a user can cause or mend."""
+"""The one root of all errors that a user can cause or mend, and how their messages are made fit to print."""
 
 
 class M2TError(Exception):
@@ -23,3 +23,9 @@ class MapIndexError(M2TError):
 
 class QueryError(M2TError):
     """A query or target that names nothing that exists."""
+
+
+def clean(text: str) -> str:
+    """The text in one line, with control characters spelled out: a name must not command the terminal."""
+    spelled = (c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(spelled)

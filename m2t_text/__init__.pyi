@@ -11,7 +11,7 @@ from .index.results import DatasetSummary, Hit, IndexInfo
 from .index.store import MapIndex, open_index
 from .keeping import indexes_in, merge
 from .logs import read_log
-from .logs.log import Log, Scan
+from .logs.log import Log, Scan, Topics
 from .logs.simulator import Simulation, simulate, write_carmen
 from .pipeline import describe_at, describe_log
 from .queries import Query
@@ -47,6 +47,7 @@ __all__ = [
     "SourceOptions",
     "Text",
     "TextError",
+    "Topics",
     "align",
     "describe_at",
     "describe_log",

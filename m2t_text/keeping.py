@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from m2t_text.description.document import Document
-from m2t_text.errors import MapIndexError, shown
+from m2t_text.errors import MapIndexError, listed
 from m2t_text.index.folder import UNREADABLE, generation
 from m2t_text.index.results import DatasetSummary, IndexInfo
 from m2t_text.index.store import MapIndex, open_index
@@ -120,7 +120,7 @@ def _check_unique(names: Sequence[str], holders: str) -> None:
     twice = sorted(repr(name) for name, count in Counter(names).items() if count > 1)
     if twice:
         raise MapIndexError(
-            f"{holders} hold datasets of the same name: {shown(twice)}; with --replace the last is taken"
+            f"{holders} hold datasets of the same name: {listed(twice)}; with --replace the last is taken"
         )
 
 

@@ -15,7 +15,7 @@ from m2t_text.errors import QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import Log
-from m2t_text.sources import SourceOptions, open_log
+from m2t_text.sources import SourceOptions, is_source, open_log
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
@@ -81,7 +81,7 @@ def resolve(target: str, context: Context) -> Query:
     if context.index is not None and target in context.index.ids:
         return Query.of(context.index.document(target))
     run = RUN.fullmatch(target)
-    if run and (_number(run) is not None or Path(run["log"]).is_file()):
+    if run and (_number(run) is not None or is_source(Path(run["log"]))):
         return _run_of_log(run, context)
     if target.lower().endswith(".txt"):
         return Query(_parsed(_contents(Path(target)), repr(target)))
@@ -171,10 +171,8 @@ def _parsed(contents: bytes, where: str) -> Text:
 
 def _unknown(target: str, context: Context) -> str:
     """Why a string names nothing, and what to try."""
-    if Path(target).is_file():
-        return (
-            f"{target!r} is a whole file; name a run of a log, as {target}@12.5 (metres) or {target}#40 (scan)"
-        )
+    if is_source(Path(target)):
+        return f"{target!r} is a whole log; name a run of it, as {target}@12.5 (metres) or {target}#40 (scan)"
     named = MAP_ID.fullmatch(target)
     if named is None:
         return f"{target!r} is neither a map nor a file; name {KINDS}"

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Protocol
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError, SourceError
-from m2t_text.logs import Log, checked_name, dataset_name, read_log
+from m2t_text.logs import BAGS, Log, Topics, checked_name, dataset_name, is_bag, read_log
 
 Tell = Callable[[str, int, int], None]  # stage, done, all
 Progress = Callable[[int, int], None]  # done, all
@@ -23,9 +23,11 @@ class SourceOptions:
 
     Attributes:
         name: of the dataset; None for that of the file.
+        topics: of a bag.
     """
 
     name: str | None = None
+    topics: Topics = field(default_factory=Topics)
 
 
 @dataclass(frozen=True)
@@ -81,17 +83,17 @@ class LogSource:
 
 
 def _open_log(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
-    return LogSource(read_log(path, options.name, progress))
+    return LogSource(read_log(path, options.name, progress, options.topics))
 
 
 Reader = Callable[[Path, SourceOptions, Progress | None], Source]
-READERS: dict[str, Reader] = {".log": _open_log, ".clf": _open_log, ".gz": _open_log}
+READERS: dict[str, Reader] = dict.fromkeys((".log", ".clf", ".gz", *BAGS), _open_log)
 
 
 def open_source(
     path: str | Path, options: SourceOptions | None = None, progress: Progress | None = None
 ) -> Source:
-    """Read a source by the reader of its ending; a file with any other ending is read as a laser log.
+    """Read a source by the reader of its ending; what has any other, and the folder of a bag, is a laser log.
 
     ``progress`` is told (done, all). Raises SourceError with one line that says what is wrong, where, and what
     to do.
@@ -114,6 +116,11 @@ def open_log(path: Path, options: SourceOptions | None = None, progress: Progres
     return source.log
 
 
+def is_source(path: Path) -> bool:
+    """Whether there is a file, or the folder of a bag."""
+    return path.is_file() or (path.is_dir() and is_bag(path))
+
+
 def dataset_names(sources: Sequence[Path], done: str, name: str | None = None) -> list[str]:
     """The dataset of each source, told before the work: what is missing, and what would replace itself.
 
@@ -128,7 +135,7 @@ def dataset_names(sources: Sequence[Path], done: str, name: str | None = None) -
     if name is not None and len(sources) > 1:
         raise M2TError("--name names one dataset, but there are several sources; name them one by one")
     for source in sources:
-        if not source.is_file():
+        if not is_source(source):
             wrong = "is a folder; name the files in it" if source.is_dir() else "does not exist"
             raise SourceError(f"{str(source)!r} {wrong}; nothing was {done}")
     names = [dataset_name(source) for source in sources] if name is None else [checked_name(name)]

@@ -106,7 +106,7 @@ def test_no_standard_input_is_told(
         ("missing.log@3", "missing.log does not exist"),
         ("missing.log#3", "missing.log does not exist"),
         ("missing.txt", "cannot read the text 'missing.txt': No such file"),
-        ("LOG", "is a whole file; name a run of a log, as .*@12.5"),
+        ("LOG", "is a whole log; name a run of it, as .*@12.5"),
         ("LOG@", "does not end in metres"),
         ("LOG@-3", "does not end in metres"),
         ("LOG@nan", "does not end in metres"),

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from m2t_text.errors import clean
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -16,12 +18,6 @@ if TYPE_CHECKING:
 WIDE = 160  # columns of a table that no terminal shows
 STAGES = {"scans": "matching scans", "maps": "describing maps"}
 REFRESH = 0.1  # s between two states of a progress bar
-
-
-def clean(text: str) -> str:
-    """The text in one line, with control characters spelled out: a name must not command the terminal."""
-    spelled = (c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
-    return "".join(spelled)
 
 
 def complain(message: str, code: int) -> int:

@@ -32,6 +32,21 @@ LogNameOption = Annotated[
         "--name", metavar="NAME", help="The dataset that the log is in the index, if not its file's name."
     ),
 ]
+ScanTopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scan-topic", metavar="TOPIC", help="Laser scans of a ROS bag.", show_default="the only one"
+    ),
+]
+OdometryTopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--odometry-topic",
+        metavar="TOPIC",
+        help="Odometry of a ROS bag; /tf takes it from there.",
+        show_default="the only one, else tf",
+    ),
+]
 TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
 
 
@@ -47,6 +62,8 @@ def search(
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     name: LogNameOption = None,
+    scan_topic: ScanTopicOption = None,
+    odometry_topic: OdometryTopicOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -64,11 +81,13 @@ def search(
     from m2t_text.answers import SearchOptions
     from m2t_text.answers import search as find
     from m2t_text.index.store import MapIndex
+    from m2t_text.logs import Topics
     from m2t_text.sources import SourceOptions
 
     _check(plot)
     options = SearchOptions(top, exclude_travel, not no_verify)
-    answer = find(query, MapIndex.open(index), options, SourceOptions(name))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    answer = find(query, MapIndex.open(index), options, reading)
     if plot is not None:
         _draw(answer, plot)
     if as_json:
@@ -81,6 +100,8 @@ def inspect(
     target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
     index: IndexOption = DEFAULT_INDEX,
     name: LogNameOption = None,
+    scan_topic: ScanTopicOption = None,
+    odometry_topic: OdometryTopicOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -96,13 +117,15 @@ def inspect(
     """
     from m2t_text.answers import inspection
     from m2t_text.config import PROFILES
+    from m2t_text.logs import Topics
     from m2t_text.queries import Context, resolve
     from m2t_text.sources import SourceOptions
 
     _check(plot)
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
-    found = resolve(target, Context(parameters, opened, SourceOptions(name)))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    found = resolve(target, Context(parameters, opened, reading))
     if plot is not None:
         from m2t_text.plots import plot_document
 

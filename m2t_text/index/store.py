@@ -14,7 +14,7 @@ from whoosh.query import NullQuery, Query
 from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import MapIndexError, QueryError, shown
+from m2t_text.errors import MapIndexError, QueryError, listed
 from m2t_text.index.folder import create_whoosh, generation, open_whoosh, sweep
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
@@ -184,7 +184,7 @@ class MapIndex:
 
     def lacking(self, dataset: str) -> str:
         """What to tell who names a dataset that the index does not hold."""
-        known = shown([summary.name for summary in self.datasets()])
+        known = listed([summary.name for summary in self.datasets()])
         return f"no dataset {dataset!r} in {self.path}; it holds {known or 'none'}"
 
     def info(self) -> IndexInfo:

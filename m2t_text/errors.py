@@ -25,6 +25,10 @@ class MapIndexError(M2TError):
     """An index that is missing, foreign, of another version, or locked."""
 
 
+class DamageError(MapIndexError):
+    """A file of an index that is not as it was written, or that nobody should trust."""
+
+
 class QueryError(M2TError):
     """A query or target that names nothing that exists."""
 

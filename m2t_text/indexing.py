@@ -7,10 +7,9 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from whoosh.index import exists_in
-
 from m2t_text.config import PROFILES, Parameters, parameters_of
 from m2t_text.errors import SourceError
+from m2t_text.index.folder import holds_index
 from m2t_text.index.store import MapIndex, open_index
 from m2t_text.index.writing import MapWriter
 from m2t_text.sources import SourceOptions, dataset_names, open_source
@@ -92,6 +91,6 @@ def index_sources(request: Request, progress: Progress | None = None) -> Report:
 def _parameters(request: Request) -> Parameters:
     """Of the index if there is one, which must be those asked for, if any are."""
     wanted = parameters_of(request.profile) if request.profile is not None else None
-    if exists_in(str(request.index)):
+    if holds_index(request.index):
         return MapIndex.open(request.index, wanted).parameters
     return wanted or PROFILES["default"]

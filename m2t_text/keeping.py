@@ -7,7 +7,7 @@ from pathlib import Path
 
 from m2t_text.description.document import Document
 from m2t_text.errors import MapIndexError, listed
-from m2t_text.index.folder import UNREADABLE, generation
+from m2t_text.index.folder import holds_index
 from m2t_text.index.results import DatasetSummary, IndexInfo
 from m2t_text.index.store import MapIndex, open_index
 
@@ -33,14 +33,14 @@ def indexes_in(folder: str | Path) -> list[IndexInfo | Unreadable]:
     within = Path(folder)
     if not within.is_dir():
         return []
-    return [_info(path) for path in sorted(within.iterdir()) if generation(path) >= 0]
+    return [_info(path) for path in sorted(within.iterdir()) if holds_index(path)]
 
 
 def _info(path: Path) -> IndexInfo | Unreadable:
     try:
         return MapIndex.open(path).info()
-    except (MapIndexError, *UNREADABLE) as error:
-        return Unreadable(path, str(error) or type(error).__name__)
+    except MapIndexError as error:
+        return Unreadable(path, str(error))
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def merge(
     """
     folders = [Path(source) for source in sources]
     _check_distinct(folders, Path(into))
-    opened = [MapIndex.open(folder) for folder in folders]
+    opened = [MapIndex.open(folder).pinned() for folder in folders]
     for index in opened[1:]:
         _check_same(index, opened[0])
     found = [(dataset, index) for index in opened for dataset in index.datasets()]
@@ -125,13 +125,6 @@ def _check_unique(names: Sequence[str], holders: str) -> None:
 
 
 def _copied(index: MapIndex, dataset: DatasetSummary, tell: Progress) -> Iterator[Document]:
-    """The maps of a dataset, all of which must still be there."""
-    done = 0
     for done, document in enumerate(index.documents(dataset.name), start=1):
         yield document
         tell(dataset.name, "copying maps", done, dataset.maps)
-    if done != dataset.maps:
-        raise MapIndexError(
-            f"{index.path} holds {done} of the {dataset.maps} maps that {dataset.name!r} had; another process "
-            "changes it, try again later"
-        )

@@ -4,9 +4,10 @@ import json
 import struct
 from dataclasses import asdict
 from typing import Any
+from zlib import crc32
 
 import numpy as np
-from whoosh.columns import NumericColumn
+from whoosh.columns import Column, FixedBytesColumn, NumericColumn
 from whoosh.fields import ID, FieldType, Schema
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
@@ -16,9 +17,18 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import TextError
 from m2t_text.index.column import KeypointColumn
+from m2t_text.index.names import NameColumn
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 RECORD = struct.Struct("<2q2d3d3d2dq")
+RINGS, RADIUS, QUARTERS = 10, 1000.0, 4  # of what parameters may be
+LIMITS = {
+    "run_length": (0.1, 1000.0),
+    "range_limit": (0.1, 1000.0),
+    "cell": (0.01, 10.0),
+    "window": (0, 200),
+    "directions": (1, 10),
+}
 
 
 class PlainField(FieldType):
@@ -115,23 +125,43 @@ class NumberField(PlainField):
         return NumberRange(fieldname, first, last, startexcl, endexcl, boost)
 
 
+class RecordColumn(FixedBytesColumn):
+    """The records of the maps."""
+
+    _fixedlen = RECORD.size
+    _default = bytes(RECORD.size)
+
+    def __init__(self) -> None:
+        """Nothing differs between two of them, so nothing is pickled."""
+
+
+STORED: dict[str, Column] = {"map_id": NameColumn(), "dataset": NameColumn(), "record": RecordColumn()}
+NAMES = ("map_id", "dataset")  # the fields with terms
+
+
 def schema(parameters: Parameters) -> Schema:
-    """Fields of a map document: those to search by, and the record that holds the rest."""
+    """Fields of a map document: those to search by, the record that holds the rest, and its checksum."""
     return Schema(
-        map_id=ID(unique=True, stored=True, sortable=True),
-        dataset=ID(stored=True),
+        map_id=ID(unique=True, stored=True, sortable=STORED["map_id"]),
+        dataset=ID(stored=True, sortable=STORED["dataset"]),
         first_scan=NumberField("q"),
         last_scan=NumberField("q"),
         travel=NumberField("d"),
         text=TextField(parameters),
-        record=PlainField(stored=True),
+        record=PlainField(STORED["record"], stored=True),
+        checksum=NumberField("I"),
     )
 
 
 def to_fields(document: Document) -> dict[str, Any]:
-    """What Whoosh's `add_document` takes; `from_fields` gives the document back exactly."""
+    """What Whoosh's `add_document` takes; `from_fields` gives the document back exactly.
+
+    The checksum is of all that the document holds. Merging copies it, so it tells of damage at any time since.
+    """
     numbers = (document.travel, document.pose, document.viewpoint, document.centre_of_gravity)
     record = RECORD.pack(document.first_scan, document.last_scan, *np.concatenate(numbers), document.points)
+    words = (document.text.wx, document.text.wy, document.text.wa)
+    parts = (document.map_id.encode(), record, *(word.astype("<i2").tobytes() for word in words))
     return {
         "map_id": document.map_id,
         "dataset": document.dataset,
@@ -140,6 +170,7 @@ def to_fields(document: Document) -> dict[str, Any]:
         "travel": document.middle,
         "text": document.text,
         "record": record,
+        "checksum": crc32(b"".join(parts)),
     }
 
 
@@ -171,3 +202,24 @@ def from_json(string: str) -> Parameters:
         DescriptionParameters(**description),
         MatchingParameters(**matching),
     )
+
+
+def check_parameters(parameters: Parameters) -> Parameters:
+    """The parameters themselves, if what they ask for is bounded in time and memory.
+
+    Raises:
+        ValueError, TypeError: if not.
+    """
+    sections = (parameters.mapping, parameters.description, parameters.matching)
+    values = {name: value for section in sections for name, value in asdict(section).items()}
+    for name, (least, most) in LIMITS.items():
+        if not least <= values[name] <= most or type(values[name]) not in (int, type(least)):
+            raise ValueError(f"{name} is not within {least}…{most}")
+    radii, turns = values["radii"], values["turns"]
+    if len(radii) > RINGS or not all(0 < radius <= RADIUS for radius in radii):
+        raise ValueError(f"there are up to {RINGS} radii, of up to {RADIUS} m")
+    if len(turns) > QUARTERS or not all(turn in range(QUARTERS) for turn in turns):
+        raise ValueError("turns are quarters of a whole one")
+    if not parameters.profile.isprintable():
+        raise ValueError("the profile has no printable name")
+    return parameters

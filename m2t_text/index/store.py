@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from whoosh import index as whoosh_index
 from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import NullQuery, Query
@@ -14,17 +14,17 @@ from whoosh.query import NullQuery, Query
 from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import MapIndexError, QueryError, listed
-from m2t_text.index.folder import create_whoosh, generation, open_whoosh, sweep
+from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
+from m2t_text.index.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
-from m2t_text.index.writing import MapWriter, refused
+from m2t_text.index.writing import MapWriter, other_parameters, writing
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.index.weighting import MapWeighting, Method, Scores
     from m2t_text.sources import Source, Tell
 
-LOCK_SECONDS = 2.0  # to wait for another writer
+LOCK_SECONDS = 60.0  # to wait for another writer
 
 
 class MapIndex:
@@ -46,6 +46,8 @@ class MapIndex:
         self.parameters = parameters
         self.whoosh = whoosh
         self._state: State | None = None
+        self._pinned = False
+        self._scoring = Lock()
 
     @classmethod
     def create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
@@ -54,7 +56,7 @@ class MapIndex:
         Raises:
             MapIndexError: if the folder holds an index or anything else, or cannot be written.
         """
-        create_whoosh(Path(path), parameters)
+        create_whoosh(Path(path), parameters, LOCK_SECONDS)
         return cls.open(path)
 
     @classmethod
@@ -67,11 +69,16 @@ class MapIndex:
         folder = Path(path)
         whoosh, stored = open_whoosh(folder)
         if parameters is not None and parameters != stored:
-            raise MapIndexError(
-                f"the index in {folder} was made with other parameters (profile {stored.profile!r}, asked for "
-                f"{parameters.profile!r}); choose another folder or profile"
-            )
+            if not is_empty(whoosh):
+                raise other_parameters(folder, stored, parameters)
+            stored = parameters  # they are the index's with its first maps
         return cls(folder, whoosh, stored)
+
+    def pinned(self) -> "MapIndex":
+        """The same index at its latest committed state, which it keeps whatever is committed later."""
+        pinned = MapIndex(self.path, self.whoosh, self.parameters)
+        pinned._state, pinned._pinned, pinned._scoring = self._current(), True, self._scoring
+        return pinned
 
     @contextmanager
     def writer(self) -> Iterator[MapWriter]:
@@ -80,20 +87,8 @@ class MapIndex:
         Raises:
             MapIndexError: if another process keeps writing, or the disk refuses.
         """
-        try:
-            whoosh = self.whoosh.writer(timeout=LOCK_SECONDS)
-            sweep(self.path)
-        except whoosh_index.LockError as error:
-            raise MapIndexError(f"{self.path} is being written by another process; try again later") from error
-        except OSError as error:
-            raise refused(self.path, error) from error
-        try:
-            writer = MapWriter(whoosh, self.path)
+        with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
             yield writer
-            writer.commit()
-        finally:
-            if not whoosh.is_closed:
-                whoosh.cancel()
 
     def add(self, source: "Source", jobs: int = 1, progress: "Tell | None" = None) -> None:
         """Describes every local map of a source and puts them into the index as one dataset, in one commit.
@@ -180,6 +175,10 @@ class MapIndex:
         state = self._current()
         drives = state.searcher.schema["text"].drives
         names, maps = np.unique(state.datasets, return_counts=True)
+        with reading(self.path):
+            for name in names:
+                if name not in drives:
+                    raise DamageError(f"dataset {name!r} is not in its table of contents")
         return [DatasetSummary(name, int(n), *drives[name]) for name, n in zip(names, maps, strict=True)]
 
     def lacking(self, dataset: str) -> str:
@@ -225,7 +224,7 @@ class MapIndex:
             (True, (3,))
         """
         state = self._current()
-        scores = state.scores(text, self.model(method))
+        scores = self._scores(state, text, method)
         allowed = np.ones(len(state.ids), dtype=np.bool_) if top == 0 else scores.score > 0
         if exclude is not None:
             dataset, travel, metres = exclude
@@ -247,7 +246,7 @@ class MapIndex:
 
     def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":
         """The scores of all maps at once, in the order of `ids`."""
-        return self._current().scores(text, self.model(method))
+        return self._scores(self._current(), text, method)
 
     def model(self, method: "Method" = "m2t") -> "MapWeighting":
         """The weighting of this index's profile."""
@@ -274,11 +273,19 @@ class MapIndex:
             raise QueryError(f"{string!r} is not a query: {broken[0] if broken else 'it is empty'}")
         return query
 
+    def _scores(self, state: State, text: Text, method: "Method") -> "Scores":
+        """One thread at a time: a state keeps its latest answer."""
+        with self._scoring:
+            return state.scores(text, self.model(method))
+
     def _current(self) -> State:
         """The latest committed state. It is opened anew after each commit: Whoosh's refresh mixes states up."""
         state = self._state
-        if state is None or not state.searcher.up_to_date():
-            state = self._state = State(self.whoosh.searcher())
+        if state is None or not (self._pinned or state.searcher.up_to_date()):
+            with reading(self.path):
+                state = State(self.whoosh.searcher())
+                _ = state.keypoints  # opens all texts, so that damage shows here and nowhere else
+            self._state = state
         return state
 
 
@@ -302,6 +309,10 @@ def open_index(path: str | Path, parameters: Parameters | None = None) -> MapInd
         >>> m2t.open_index("indexes/paper").parameters.mapping.run_length  # metres
         3.0
     """
-    if generation(Path(path)) >= 0:
-        return MapIndex.open(path, parameters)
-    return MapIndex.create(path, parameters or PROFILES["default"])
+    if not holds_index(Path(path)):
+        try:
+            return MapIndex.create(path, parameters or PROFILES["default"])
+        except MapIndexError:
+            if not holds_index(Path(path)):  # else another process was quicker
+                raise
+    return MapIndex.open(path, parameters)

@@ -1,6 +1,8 @@
 """Putting documents into an index: checked before Whoosh sees them, and merged so that segments stay few."""
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,18 +11,70 @@ import numpy as np
 from whoosh.query import Term
 from whoosh.reading import SegmentReader
 
+from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
-from m2t_text.errors import MapIndexError
-from m2t_text.index.schema import to_fields
+from m2t_text.errors import LogError, MapIndexError
+from m2t_text.index.committing import SegmentMaker
+from m2t_text.index.folder import open_whoosh, reading
+from m2t_text.index.schema import to_fields, to_json
+from m2t_text.logs import checked_name
 
 DEAD = 0.25  # share of deleted documents from which a segment is written anew
 
+log = logging.getLogger(__name__)
+
+
+@contextmanager
+def writing(folder: Path, parameters: Parameters, seconds: float) -> Iterator["MapWriter"]:
+    """Changes to an index that are committed together when the block ends, or not at all if it raises.
+
+    What a killed writer left is removed first. After a failure nothing is left of what was not committed.
+
+    Args:
+        parameters: of the index; an empty one takes them.
+        seconds: to wait for another writer.
+
+    Raises:
+        MapIndexError: if another process keeps writing, the index has other parameters, or the disk refuses.
+    """
+    whoosh, _ = open_whoosh(folder)
+    with reading(folder), told(folder):
+        maker = whoosh.writer(seconds)
+    try:
+        field = maker.schema["text"]
+        if field.parameters != parameters and maker.segments:
+            raise other_parameters(folder, field.parameters, parameters)
+        field.stored_parameters = to_json(parameters)
+        writer = MapWriter(maker, folder)
+        yield writer
+        writer.commit()
+    finally:
+        if not maker.is_closed:
+            maker.cancel()
+
+
+@contextmanager
+def told(folder: Path) -> Iterator[None]:
+    """A disk that refuses is a MapIndexError."""
+    try:
+        yield
+    except OSError as error:
+        raise MapIndexError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def other_parameters(folder: Path, stored: Parameters, wanted: Parameters) -> MapIndexError:
+    """What to tell who asks for a profile that an index does not have."""
+    return MapIndexError(
+        f"the index in {folder} was made with other parameters (profile {stored.profile!r}, asked for "
+        f"{wanted.profile!r}); choose another folder or profile"
+    )
+
 
 class MapWriter:
-    """Collects changes to an index for one commit; ``MapIndex.writer`` makes one."""
+    """Collects changes to an index for one commit; `writing` makes one."""
 
-    def __init__(self, whoosh: Any, path: Path) -> None:
+    def __init__(self, whoosh: SegmentMaker, path: Path) -> None:
         self._whoosh = whoosh
         self._path = path
         self._replaced: set[str] = set()
@@ -47,10 +101,8 @@ class MapWriter:
             if document.first_scan in seen:
                 raise MapIndexError(f"two maps have the id {document.map_id!r}")
             seen.add(document.first_scan)
-            try:
+            with told(self._path):
                 self._whoosh.add_document(**to_fields(document))
-            except OSError as error:
-                raise refused(self._path, error) from error
             if drive is None:
                 scans, metres = max(scans, document.last_scan + 1), max(metres, float(document.travel[1]))
         if seen:
@@ -62,30 +114,28 @@ class MapWriter:
             raise MapIndexError(f"dataset {name!r} is replaced twice in one commit")
         self._replaced.add(name)
         self._drives.pop(name, None)
-        self._whoosh.delete_by_query(Term("dataset", name))
+        with reading(self._path):
+            self._whoosh.delete_by_query(Term("dataset", name))
 
     def commit(self) -> None:
-        """Makes all changes visible at once. A disk that refuses is a MapIndexError.
+        """Makes all changes visible at once.
 
         ``progress`` is told how many maps are in the new segment when old ones are merged into it.
         """
         policy = merge_all if self.optimize else merge_small
-        try:
+        with told(self._path):
             self._whoosh.commit(mergetype=partial(policy, progress=self.progress))
-        except OSError as error:
-            raise refused(self._path, error) from error
-
-
-def refused(path: Path, error: OSError) -> MapIndexError:
-    """What to tell when the disk refuses."""
-    return MapIndexError(f"cannot write to {path}: {error.strerror or error}")
 
 
 def check(document: Document, name: str) -> None:
     """Raises MapIndexError unless the document can be stored and found: Whoosh does not survive an error in its
     `add_document`, which leaves terms behind that stick to the next document."""
-    if document.dataset != name or not name or not name.isprintable():
+    if document.dataset != name:
         raise MapIndexError(f"a map of dataset {document.dataset!r} cannot be put into dataset {name!r}")
+    try:
+        checked_name(name)
+    except LogError as error:
+        raise MapIndexError(str(error)) from error
     scans = (document.first_scan, document.last_scan, document.points)
     if not all(isinstance(number, int | np.integer) and 0 <= number < 2**62 for number in scans):
         raise MapIndexError(f"a map of dataset {name!r} has broken scan numbers or points: {scans}")
@@ -115,9 +165,9 @@ def merge_small(writer: Any, segments: list[Any], progress: Callable[[int], None
     fresh = writer.doc_count()
     kept = []
     for segment in sorted(segments, key=live):
-        if live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all():
+        wanted = live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all()
+        if wanted and _take_in(writer, segment, progress):
             fresh += live(segment)
-            _take_in(writer, segment, progress)
         else:
             kept.append(segment)
     return kept[::-1]
@@ -127,17 +177,21 @@ def merge_all(writer: Any, segments: list[Any], progress: Callable[[int], None] 
     """A merge policy of Whoosh: one segment without deletions."""
     if len(segments) == 1 and not segments[0].has_deletions() and not writer.doc_count():
         return segments
-    for segment in segments:
-        _take_in(writer, segment, progress)
-    return []
+    return [segment for segment in segments if not _take_in(writer, segment, progress)]
 
 
-def _take_in(writer: Any, segment: Any, progress: Callable[[int], None] | None) -> None:
-    if live(segment):
-        reader = _WatchedReader(writer.storage, writer.schema, segment)
-        reader.watch = (lambda: progress(writer.doc_count())) if progress is not None else None
-        writer.add_reader(reader)
-        reader.close()
+def _take_in(writer: Any, segment: Any, progress: Callable[[int], None] | None) -> bool:
+    """Copies the live documents of a segment, unless it is damaged: the copy would look whole."""
+    if not live(segment):
+        return True
+    if not segment.is_sound(writer.storage):
+        log.warning("%s is damaged and was left as it is; `m2t-text check` says what is lost", segment.filename)
+        return False
+    reader = _WatchedReader(writer.storage, writer.schema, segment)
+    reader.watch = (lambda: progress(writer.doc_count())) if progress is not None else None
+    writer.add_reader(reader)
+    reader.close()
+    return True
 
 
 class _WatchedReader(SegmentReader):

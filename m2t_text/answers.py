@@ -1,5 +1,6 @@
 """What the commands answer, as objects that are printed, saved as JSON and compared."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -9,7 +10,9 @@ from m2t_text.errors import QueryError
 from m2t_text.finding import Finding, Found, find
 from m2t_text.index.results import IndexInfo
 from m2t_text.index.store import MapIndex
+from m2t_text.keeping import Unreadable
 from m2t_text.queries import Context, Query, resolve
+from m2t_text.sources import SourceOptions
 
 
 @dataclass(frozen=True)
@@ -78,15 +81,27 @@ def _result(rank: int, result: Found) -> dict[str, Any]:
     }
 
 
-def search(target: str, index: MapIndex, options: SearchOptions, name: str | None = None) -> Answer:
-    """Finds the maps of the index that show what ``target`` names; ``name`` is its dataset, if it is a log.
+def search(
+    target: str,
+    index: MapIndex,
+    options: SearchOptions = SearchOptions(),
+    reading: SourceOptions | None = None,
+) -> Answer:
+    """Finds the maps of the index that show what ``target`` names; ``reading`` says how, if it is a file.
 
     Raises:
-        QueryError, LogError, TextError: if it names nothing that can be searched.
+        QueryError, SourceError, TextError: if it names nothing that can be searched.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> answer = m2t.search("drive.log@8", index, m2t.SearchOptions(top=1))
+        >>> answer.query.title == answer.finding.results[0].hit.map_id
+        True
     """
     begin = perf_counter()
     index = index.pinned()
-    query = resolve(target, Context(index.parameters, index, name))
+    query = resolve(target, Context(index.parameters, index, reading or SourceOptions()))
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     described = perf_counter() - begin
@@ -123,3 +138,19 @@ def summary(info: IndexInfo) -> dict[str, Any]:
         "bytes": info.bytes,
         "datasets": [asdict(dataset) for dataset in info.datasets],
     }
+
+
+def listing(indexes: Sequence[IndexInfo | Unreadable]) -> list[dict[str, Any]]:
+    """The indexes of one folder, in ``info --json``."""
+    return [
+        {"path": str(one.path), "error": one.reason}
+        if isinstance(one, Unreadable)
+        else {
+            "path": str(one.path),
+            "profile": one.parameters.profile,
+            "maps": one.maps,
+            "bytes": one.bytes,
+            "datasets": [dataset.name for dataset in one.datasets],
+        }
+        for one in indexes
+    ]

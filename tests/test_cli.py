@@ -1,6 +1,5 @@
 """The command line as a user types it, and its JSON as contract and scripts expect it."""
 
-import io
 import json
 import os
 import re
@@ -9,21 +8,33 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import NoneType
 from typing import Any
 
 import pytest
+from calling import PROGRAM, Call
 
-from m2t_text.cli import run
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
 
-PROGRAM = [sys.executable, "-c", "from m2t_text.cli import main; main()"]
-COMMANDS = ("demo", "simulate", "index", "search", "inspect", "info", "check")
-Call = Callable[..., tuple[int, str, str]]
+COMMANDS = (
+    "demo",
+    "simulate",
+    "index",
+    "search",
+    "inspect",
+    "info",
+    "check",
+    "evaluate",
+    "fetch",
+    "merge",
+    "remove",
+    "optimize",
+)
+
+pytestmark = pytest.mark.usefixtures("own_folder")
 
 PAIR, POSE = [float, float], [float, float, float]
 RESULT = {
@@ -82,25 +93,6 @@ def conforms(value: Any, shape: Any) -> bool:
     if isinstance(shape, list):
         return isinstance(value, list) and len(value) == len(shape) and all(map(conforms, value, shape))
     return isinstance(value, shape) and not isinstance(value, bool)
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
-    """Runs one command line: (exit status, standard output, standard error)."""
-
-    def call(*arguments: object, stdin: str = "") -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
-        status = run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        return status, out, err
-
-    return call
-
-
-@pytest.fixture(autouse=True)
-def in_its_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("M2T_INDEX", raising=False)
 
 
 def ids(document: dict[str, Any]) -> list[str]:
@@ -371,7 +363,7 @@ def test_the_environment_names_the_index(
         (["check", "--index", "missing"], "no index in missing"),
         (["index"], "Missing argument"),
         (["index", "missing.log"], "'missing.log' does not exist; nothing was indexed"),
-        (["index", "."], "is a folder; name the logs in it"),
+        (["index", "."], "is a folder; name the files in it; nothing was indexed"),
         (["index", "LOG", "--profile", "papper"], "no profile 'papper'; there are default, paper"),
         (["index", "LOG", "--profile", "paper"], "profile 'default', asked for 'paper'"),
         (["index", "LOG", "LOG"], "2 sources would be the dataset 'drive'"),

@@ -189,7 +189,8 @@ def from_record(dataset: str, record: Any, text: Text) -> Document:
     numbers = (travel, pose, viewpoint, centre)
     if min(first, last, points) < 0 or not np.isfinite(np.concatenate(numbers)).all():
         raise DamageError("the records of the maps are damaged")
-    return Document(dataset, first, last, *map(np.array, numbers), points, text)  # type: ignore[arg-type, call-arg]
+    arrays = map(np.array, numbers)
+    return Document(dataset, int(first), int(last), *arrays, int(points), text)  # type: ignore[arg-type, call-arg]
 
 
 def to_json(parameters: Parameters) -> str:

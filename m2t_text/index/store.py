@@ -1,6 +1,6 @@
 """An index on disk: opening, committing, reading back and searching."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +11,10 @@ from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import NullQuery, Query
 
-from m2t_text.config import Parameters
+from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import DamageError, MapIndexError, QueryError
+from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
@@ -22,6 +22,7 @@ from m2t_text.index.writing import MapWriter, other_parameters, writing
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.index.weighting import MapWeighting, Method, Scores
+    from m2t_text.sources import Source, Tell
 
 LOCK_SECONDS = 60.0  # to wait for another writer
 
@@ -29,7 +30,15 @@ LOCK_SECONDS = 60.0  # to wait for another writer
 class MapIndex:
     """The maps of any number of datasets, described with the same parameters, in one folder.
 
-    Every call sees one committed state, the latest. Use `create` or `open`.
+    Every call sees one committed state, the latest. Use `open`, `create`, or `open_index` for either.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> index.document("drive/000040").last_scan > 40
+        True
+        >>> [(dataset.name, dataset.scans) for dataset in index.datasets()]
+        [('drive', 242)]
     """
 
     def __init__(self, path: Path, whoosh: Any, parameters: Parameters) -> None:
@@ -64,21 +73,6 @@ class MapIndex:
             stored = parameters  # they are the index's with its first maps
         return cls(folder, whoosh, stored)
 
-    @classmethod
-    def open_or_create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
-        """The index in a folder, made if there is none.
-
-        Raises:
-            MapIndexError: as `open` and `create` do.
-        """
-        if not holds_index(Path(path)):
-            try:
-                return cls.create(path, parameters)
-            except MapIndexError:
-                if not holds_index(Path(path)):  # else another process was quicker
-                    raise
-        return cls.open(path, parameters)
-
     def pinned(self) -> "MapIndex":
         """The same index at its latest committed state, which it keeps whatever is committed later."""
         pinned = MapIndex(self.path, self.whoosh, self.parameters)
@@ -96,15 +90,63 @@ class MapIndex:
         with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
             yield writer
 
+    def add(self, source: "Source", jobs: int = 1, progress: "Tell | None" = None) -> None:
+        """Describes every local map of a source and puts them into the index as one dataset, in one commit.
+
+        A dataset of the source's name that the index holds is replaced.
+
+        Args:
+            source: see `open_source`. The ground truth of a log is not used.
+            jobs: processes that describe maps.
+            progress: is told (stage, done, all).
+
+        Raises:
+            SourceError: if there is no map in it.
+            MapIndexError: if another process keeps writing, or the disk refuses.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.open_index("indexes/new")
+            >>> index.add(m2t.open_source("drive.log"))
+            >>> index.add(m2t.LogSource(m2t.simulate(m2t.Simulation(length=24.0, travel=8.0))))
+            >>> [dataset.name for dataset in index.datasets()]
+            ['drive', 'simulated-0']
+        """
+        described = source.describe(self.parameters, jobs, progress or (lambda stage, done, of: None))
+        self.replace(source.name, described.documents, described.drive)
+
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had, in one commit; see `MapWriter.replace`."""
         with self.writer() as writer:
             writer.replace(name, documents, drive)
 
-    def optimize(self) -> None:
-        """Merges all segments into one."""
+    def remove(self, *names: str) -> None:
+        """Removes datasets with all their maps, in one commit.
+
+        Raises:
+            MapIndexError: if the index lacks one of them; nothing is removed then.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> m2t.open_index("indexes/default").remove("drives")
+            Traceback (most recent call last):
+            m2t_text.errors.MapIndexError: no dataset 'drives' in indexes/default; it holds drive
+        """
+        held = [dataset.name for dataset in self.datasets()]
+        for name in names:
+            if name not in held:
+                raise MapIndexError(self.lacking(name))
+        with self.writer() as writer:
+            for name in dict.fromkeys(names):
+                writer.remove(name)
+
+    def optimize(self, progress: Callable[[int, int], None] | None = None) -> None:
+        """Merges all segments into one without deletions; ``progress`` is told maps done, and all."""
+        maps = len(self)
         with self.writer() as writer:
             writer.optimize = True
+            if progress is not None:
+                writer.progress = lambda done: progress(done, maps)
 
     def __len__(self) -> int:
         with self._reading() as state:
@@ -141,6 +183,11 @@ class MapIndex:
                     raise DamageError(f"dataset {name!r} is not in its table of contents")
         return [DatasetSummary(name, count, *drives[name]) for name, count in maps.items()]
 
+    def lacking(self, dataset: str) -> str:
+        """What to tell who names a dataset that the index does not hold."""
+        known = listed([summary.name for summary in self.datasets()])
+        return f"no dataset {dataset!r} in {self.path}; it holds {known or 'none'}"
+
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
         with self._reading() as state:
@@ -166,6 +213,16 @@ class MapIndex:
 
         Raises:
             QueryError: if the filter is not in the query language.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.MapIndex.open("indexes/default")
+            >>> text = index.document("drive/000040").text
+            >>> [hit.map_id for hit in index.search(text, top=1)]
+            ['drive/000040']
+            >>> hit = index.search(text, top=1, filter="travel:[20 TO 30]")[0]
+            >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
+            (True, (3,))
         """
         model = self.model(method)
         query = self.parse(filter) if isinstance(filter, str) else filter
@@ -244,3 +301,32 @@ class MapIndex:
                 _ = state.keypoints  # opens all texts: an index with a damaged segment answers nothing
                 self._state = state
             yield state
+
+
+def open_index(path: str | Path, parameters: Parameters | None = None) -> MapIndex:
+    """The index in a folder; a new, empty one if there is none.
+
+    Args:
+        path: of the folder, which is made with those above it.
+        parameters: of a new index, those of the profile ``default`` if None. An index that is there must have
+            been made with them, if they are given.
+
+    Raises:
+        MapIndexError: if the folder holds something else, or an index of another version or other parameters,
+            or cannot be written.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.open_index("indexes/paper", m2t.PROFILES["paper"])
+        >>> len(index), index.parameters.profile
+        (0, 'paper')
+        >>> m2t.open_index("indexes/paper").parameters.mapping.run_length  # metres
+        3.0
+    """
+    if not holds_index(Path(path)):
+        try:
+            return MapIndex.create(path, parameters or PROFILES["default"])
+        except MapIndexError:
+            if not holds_index(Path(path)):  # else another process was quicker
+                raise
+    return MapIndex.open(path, parameters)

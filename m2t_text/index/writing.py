@@ -1,8 +1,9 @@
 """Putting documents into an index: checked before Whoosh sees them, and merged so that segments stay few."""
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,7 @@ class MapWriter:
         self._replaced: set[str] = set()
         self._drives = whoosh.schema["text"].drives  # written with the table of contents, if it is
         self.optimize = False
+        self.progress: Callable[[int], None] | None = None
 
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had.
@@ -131,9 +133,13 @@ class MapWriter:
             self._whoosh.delete_by_query(Term("dataset", name))
 
     def commit(self) -> None:
-        """Makes all changes visible at once."""
+        """Makes all changes visible at once.
+
+        ``progress`` is told how many maps are in the new segment when old ones are merged into it.
+        """
+        policy = merge_all if self.optimize else merge_small
         with told(self._path):
-            self._whoosh.commit(mergetype=merge_all if self.optimize else merge_small)
+            self._whoosh.commit(mergetype=partial(policy, progress=self.progress))
 
 
 def check(document: Document, name: str) -> None:
@@ -167,7 +173,7 @@ def in_order(text: Text) -> bool:
     )
 
 
-def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
+def merge_small(writer: Any, segments: list[Any], progress: Callable[[int], None] | None = None) -> list[Any]:
     """A merge policy of Whoosh: takes in every segment no larger than what is new, or with many deletions.
 
     Each segment that stays is larger than all later ones together, so their number grows with the logarithm
@@ -177,31 +183,44 @@ def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
     kept = []
     for segment in sorted(segments, key=live):
         wanted = live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all()
-        if wanted and _take_in(writer, segment):
+        if wanted and _take_in(writer, segment, progress):
             fresh += live(segment)
         else:
             kept.append(segment)
     return kept[::-1]
 
 
-def merge_all(writer: Any, segments: list[Any]) -> list[Any]:
+def merge_all(writer: Any, segments: list[Any], progress: Callable[[int], None] | None = None) -> list[Any]:
     """A merge policy of Whoosh: one segment without deletions."""
     if len(segments) == 1 and not segments[0].has_deletions() and not writer.doc_count():
         return segments
-    return [segment for segment in segments if not _take_in(writer, segment)]
+    return [segment for segment in segments if not _take_in(writer, segment, progress)]
 
 
-def _take_in(writer: Any, segment: Any) -> bool:
+def _take_in(writer: Any, segment: Any, progress: Callable[[int], None] | None) -> bool:
     """Copies the live documents of a segment, unless it is damaged: the copy would look whole."""
     if not live(segment):
         return True
     if not segment.is_sound(writer.storage):
         log.warning("%s is damaged and was left as it is; `m2t-text check` says what is lost", segment.filename)
         return False
-    reader = SegmentReader(writer.storage, writer.schema, segment)
+    reader = _WatchedReader(writer.storage, writer.schema, segment)
+    reader.watch = (lambda: progress(writer.doc_count())) if progress is not None else None
     writer.add_reader(reader)
     reader.close()
     return True
+
+
+class _WatchedReader(SegmentReader):
+    """A reader that tells of each document that is copied from it."""
+
+    watch: Callable[[], None] | None = None
+
+    def iter_docs(self) -> Iterator[Any]:
+        for document in super().iter_docs():
+            yield document
+            if self.watch is not None:
+                self.watch()
 
 
 def live(segment: Any) -> int:

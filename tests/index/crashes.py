@@ -20,7 +20,7 @@ from states import Change, State, changes, contents, copied, expected, litter
 from m2t_text.config import Parameters
 from m2t_text.errors import MapIndexError
 from m2t_text.index.folder import holds_index
-from m2t_text.index.store import MapIndex
+from m2t_text.index.store import MapIndex, open_index
 
 MOMENT = 0.25  # s within which a writer is killed
 WRITERS = ("a", "b")  # of one index at the same time: what the names of their datasets begin with
@@ -65,7 +65,7 @@ def survive_kills(folder: Path, kills: int, seed: int) -> int:
 
 
 def opened(path: Path) -> MapIndex:
-    return MapIndex.open_or_create(path, Parameters())
+    return open_index(path, Parameters())
 
 
 def _write(path: Path, journal: Path, state: State, seed: int, name: str) -> None:

@@ -3,13 +3,16 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint clean
+.PHONY: demo test stress lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+stress: $(VENV)/.installed-test
+	$(BIN)/python tests/stress.py
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .
@@ -27,7 +30,10 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	@touch $@
 
-$(VENV)/.installed-lint: $(VENV)/.installed
+$(VENV)/.installed-stress: $(VENV)/.installed-test
+	$(BIN)/python tests/stress.py
+
+lint: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[lint]'
 	@touch $@
 

@@ -3,13 +3,16 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test stress lint docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+stress: $(VENV)/.installed-test
+	$(BIN)/python tests/stress.py
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .

@@ -7,6 +7,7 @@ follow from the columns, and are not stored; nor are the stored fields, which ar
 from bisect import bisect_left
 from collections.abc import Iterator
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,8 +56,9 @@ class MapSegment(W3Segment):
         with storage.open_plain(self.filename) as file:
             self.digest = fingerprint(file)
 
-    def open_compound_file(self, storage: MapStorage) -> SegmentFile:
+    def open_compound_file(self, storage: Any) -> SegmentFile:
         """Raises DamageError if the file cannot be what was written, as its size or its parts show."""
+        storage = MapStorage(Path(storage.folder))  # where Whoosh opens an index by itself, it has another one
         size = storage.file_length(self.filename)
         if size != self.size:
             raise DamageError(f"{self.filename} has {size} bytes instead of {self.size}")

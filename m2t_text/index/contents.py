@@ -15,7 +15,8 @@ from whoosh.index import TOC
 
 from m2t_text.errors import DamageError, LogError, MapIndexError
 from m2t_text.index.codec import MapCodec, MapSegment
-from m2t_text.index.schema import FORMAT_VERSION, check_parameters, from_json, schema
+from m2t_text.index.parameters import check_parameters, from_json
+from m2t_text.index.schema import FORMAT_VERSION, schema
 from m2t_text.index.storage import MapStorage
 from m2t_text.index.unpickling import Made, load
 from m2t_text.logs import checked_name

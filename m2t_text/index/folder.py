@@ -11,7 +11,8 @@ from m2t_text.errors import DamageError, MapIndexError
 from m2t_text.index.committing import SafeIndex
 from m2t_text.index.contents import generation, write
 from m2t_text.index.locking import OURS, locked, sweep
-from m2t_text.index.schema import check_parameters, schema
+from m2t_text.index.parameters import check_parameters
+from m2t_text.index.schema import schema
 from m2t_text.index.storage import MapStorage, flush
 
 

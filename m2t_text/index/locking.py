@@ -10,11 +10,13 @@ from time import monotonic, sleep
 from whoosh.util.filelock import FileLock
 
 from m2t_text.errors import DamageError, MapIndexError
-from m2t_text.index.contents import INDEX, files_of, latest
+from m2t_text.index.contents import INDEX, SEGMENT, files_of, latest
 from m2t_text.index.storage import MapStorage
 
-OURS = re.compile(rf"_?{INDEX}[_.].*")  # what Whoosh calls its files
 LOCK = f"{INDEX}_WRITELOCK"
+OURS = re.compile(  # what is or was a file of an index
+    rf"{LOCK}|{INDEX}\.tmp|{INDEX}_{SEGMENT.pattern}\..+|_{INDEX}_[0-9]+\.(copy\.)?toc(\..+)?"
+)
 RETRY = 0.05  # s between two attempts to lock
 
 log = logging.getLogger(__name__)

@@ -18,7 +18,8 @@ from m2t_text.errors import LogError, MapIndexError
 from m2t_text.index.codec import MapSegment
 from m2t_text.index.committing import SegmentMaker
 from m2t_text.index.folder import open_whoosh, reading
-from m2t_text.index.schema import to_fields, to_json
+from m2t_text.index.parameters import to_json
+from m2t_text.index.schema import to_fields
 from m2t_text.index.texts import MOST
 from m2t_text.logs import checked_name
 

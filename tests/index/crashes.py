@@ -37,9 +37,12 @@ CHANGES = (
 # --- Killed at random moments
 
 
-def survive_kills(folder: Path, kills: int, seed: int) -> int:
-    """Kills writers at random moments, two of each index; returns how often nothing committed was lost."""
-    rng, survived = random.Random(seed), 0
+def survive_kills(folder: Path, kills: int, seed: int) -> dict[str, int]:
+    """Kills writers at random moments, two of each index.
+
+    Returns how often nothing committed was lost, and how many pairs of writers left a commit half done.
+    """
+    rng, counts = random.Random(seed), {"survived": 0, "interrupted": 0}
     states: dict[str, State] = {name: {} for name in WRITERS}
     path = folder / "index"
     for trial in range(kills // len(WRITERS)):
@@ -57,11 +60,12 @@ def survive_kills(folder: Path, kills: int, seed: int) -> int:
         held = contents(MapIndex.open(path)) if holds_index(path) else {}
         for name in WRITERS:
             states[name], whole = _found(held, journals[name], states[name], seed + trial, name)
-            survived += whole
+            counts["survived"] += whole
+        counts["interrupted"] += bool(litter(opened(path).path))
         with opened(path).writer():  # cleans up
             pass
         assert litter(path) == []
-    return survived
+    return counts
 
 
 def opened(path: Path) -> MapIndex:

@@ -561,25 +561,28 @@ def reassemble(
     directory: bytes | None = None,
 ) -> None:
     """Changes columns of the only segment, or leaves them out, or puts another directory there."""
-    data, listed = b"", {}
-    for name, part in unpacked(path).items():
-        column = name.split(".")[1]
-        changed = parts[column](part) if parts and column in parts else part
-        if changed is not None:
-            listed[name] = {"offset": 12 + len(data), "length": len(changed), "modified": 0.0}
-            data += changed
+    data, listed = packed(path, parts or {})
     assemble(path, data, pickle.dumps(listed, -1) if directory is None else directory)
 
 
 def redirect(path: Path, column: str, change: Callable[[dict[str, Any]], None]) -> None:
     """Changes what the directory of the only segment says of a column."""
+    data, listed = packed(path, {})
+    (name,) = (name for name in listed if name.split(".")[1] == column)
+    change(listed[name])
+    assemble(path, data, pickle.dumps(listed, -1))
+
+
+def packed(path: Path, parts: dict[str, Callable[[bytes], bytes | None]]) -> tuple[bytes, dict[str, Any]]:
+    """The columns of the only segment, changed, and their directory."""
     data, listed = b"", {}
     for name, part in unpacked(path).items():
-        listed[name] = {"offset": 12 + len(data), "length": len(part), "modified": 0.0}
-        data += part
-        if name.split(".")[1] == column:
-            change(listed[name])
-    assemble(path, data, pickle.dumps(listed, -1))
+        column = name.split(".")[1]
+        changed = parts[column](part) if column in parts else part
+        if changed is not None:
+            listed[name] = {"offset": 12 + len(data), "length": len(changed), "modified": 0.0}
+            data += changed
+    return data, listed
 
 
 def assemble(path: Path, data: bytes, directory: bytes) -> None:

@@ -1,6 +1,7 @@
 """An index on disk: documents come back, commits are atomic, and what cannot be opened is said."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,14 @@ from map_oracle import document, random_documents, text_of
 from states import litter
 from whoosh import index as whoosh_index
 from whoosh.fields import TEXT, Schema
+from whoosh.query import Term
 
 from m2t_text.config import PROFILES, Parameters
 from m2t_text.errors import MapIndexError, QueryError
 from m2t_text.index import contents as table
 from m2t_text.index import folder, store
-from m2t_text.index.schema import FORMAT_VERSION, from_json, to_json
+from m2t_text.index.parameters import from_json, to_json
+from m2t_text.index.schema import FORMAT_VERSION
 from m2t_text.index.store import MapIndex
 
 
@@ -243,10 +246,12 @@ def test_opening_what_is_not_an_index(tmp_path):
     whoosh_index.create_in(str(tmp_path / "foreign"), Schema(text=TEXT()))
     with pytest.raises(MapIndexError, match="not one of maps"):
         MapIndex.open(tmp_path / "foreign")
-    (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "thesis.tex").write_text("")
-    with pytest.raises(MapIndexError, match=r"thesis\.tex"):
-        MapIndex.create(tmp_path / "used", Parameters())
+    for number, name in enumerate(("thesis.tex", "MAIN_thesis.tex", "MAIN_0123456789abcdef.seg")):
+        used = tmp_path / str(number)
+        used.mkdir()
+        (used / name).write_text("")
+        with pytest.raises(MapIndexError, match=re.escape(name)):
+            MapIndex.create(used, Parameters())
 
 
 def test_every_cut_of_the_table_of_contents_is_one_clear_error(index):
@@ -257,6 +262,15 @@ def test_every_cut_of_the_table_of_contents_is_one_clear_error(index):
         toc.write_bytes(whole[:size])
         with pytest.raises(MapIndexError, match="cannot be read"):
             MapIndex.open(index.path)
+
+
+def test_whoosh_itself_opens_an_index(index):
+    one, *others = random_documents(0, "a", 4)
+    index.replace("a", [one, *others])
+    with whoosh_index.open_dir(str(index.path)).searcher() as searcher:
+        assert searcher.doc_count() == 4
+        (hit,) = searcher.search(Term("map_id", one.map_id))
+        assert hit["map_id"] == one.map_id and hit["dataset"] == "a"
 
 
 def test_creating_twice_keeps_the_first(index):

@@ -45,7 +45,19 @@ OdometryTopicOption = Annotated[
         show_default="the only one, else tf",
     ),
 ]
-TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
+HeightOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--height",
+        metavar="FROM TO",
+        help="Cut a cloud to these heights, in metres.",
+        show_default="0.3 to 1.5 above its floor",
+    ),
+]
+TARGETS = (
+    "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text; "
+    "a point cloud."
+)
 
 
 def search(
@@ -62,6 +74,7 @@ def search(
     name: LogNameOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -75,6 +88,7 @@ def search(
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
     m2t-text inspect robot/000123 | m2t-text search -  a text
+    m2t-text search room.pcd --height 0.2 1.0          a point cloud
     """
     from m2t_text.answers import SearchOptions
     from m2t_text.answers import search as find
@@ -84,7 +98,7 @@ def search(
 
     _check(plot)
     options = SearchOptions(top, exclude_travel, not no_verify)
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     answer = find(query, MapIndex.open(index), options, reading)
     if plot is not None:
         _draw(answer, plot)
@@ -100,6 +114,7 @@ def inspect(
     name: LogNameOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -122,7 +137,7 @@ def inspect(
     _check(plot)
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     found = resolve(target, Context(parameters, opened, reading))
     if plot is not None:
         from m2t_text.plots import plot_document

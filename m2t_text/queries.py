@@ -27,10 +27,14 @@ KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt or point cloud fi
 
 @dataclass(frozen=True)
 class Query:
-    """A text to look up or to look at, and the map that it describes; None for a text alone."""
+    """A text to look up or to look at, and the map that it describes; None for a text alone.
+
+    ``warnings`` has one line for each kind of damage that was skipped in the file it comes from.
+    """
 
     text: Text
     document: Document | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -86,7 +90,7 @@ def resolve(target: str, context: Context) -> Query:
     if Path(target).suffix.lower() in CLOUDS:
         source = open_source(target, context.options)
         (document,) = source.describe(context.parameters, 1, lambda stage, done, of: None).documents
-        return Query(document.text, document)
+        return Query(document.text, document, source.warnings)
     raise QueryError(_unknown(target, context))
 
 
@@ -105,14 +109,14 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if context.index is not None and document.map_id in context.index.ids:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
-        return Query(document.text, replace(document, travel=stored.travel, pose=stored.pose))
+        return Query(document.text, replace(document, travel=stored.travel, pose=stored.pose), log.warnings)
     way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    return Query(document.text, document)
+    return Query(document.text, document, log.warnings)
 
 
 def _number(run: re.Match[str]) -> float | None:

@@ -155,8 +155,10 @@ def test_a_cloud_of_three_dimensions_is_cut(call: Call, cloud: Path) -> None:
     for options in ((), ("--height", 1.9, 2.1), ("--height", -5, 9)):
         assert call("inspect", "room.npy", *options)[1] == flat
     assert call("inspect", "room.npy", "--height", 0.5, 1.5)[1] != flat
+    cut = "cut to heights of 1.30 to 2.50 m; --height names others\n"
+    assert call("inspect", "room.npy")[2] == f"warning: room/000000: {cut}"
     status, _, err = call("index", "room.npy", "--index", "i")
-    assert status == 0 and err == "warning: room: cut to heights of 1.30 to 2.50 m; --height names others\n"
+    assert status == 0 and err == f"warning: room: {cut}"
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from m2t_text.answers import Answer
     from m2t_text.index.store import MapIndex
+    from m2t_text.queries import Query
 
 DEFAULT_INDEX = Path("indexes/default")
 
@@ -100,6 +101,7 @@ def search(
     options = SearchOptions(top, exclude_travel, not no_verify)
     reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     answer = find(query, MapIndex.open(index), options, reading)
+    _warn(answer.query)
     if plot is not None:
         _draw(answer, plot)
     if as_json:
@@ -139,6 +141,7 @@ def inspect(
     parameters = opened.parameters if opened else PROFILES["default"]
     reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     found = resolve(target, Context(parameters, opened, reading))
+    _warn(found)
     if plot is not None:
         from m2t_text.plots import plot_document
 
@@ -202,6 +205,11 @@ def _draw(answer: "Answer", path: Path) -> None:
     found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
     plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
     note(f"drew {path}")
+
+
+def _warn(query: "Query") -> None:
+    for warning in query.warnings:
+        note(f"warning: {query.title}: {warning}")
 
 
 def _check(plot: Path | None) -> None:

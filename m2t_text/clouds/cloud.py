@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from m2t_text.errors import CloudError, DamagedError
 from m2t_text.mapping.local_map import LocalMap
+from m2t_text.mapping.registration import CELL, HALF
 
 Floats = NDArray[np.float64]
 
 LIMIT = 1e9  # m; beyond it a number is damage
 WIDEST = 1000.0  # m; a map is of one place, and hardly a building is wider
-COMPARED = 44.0  # m; what `registration` compares of two maps about their viewpoints
+COMPARED = 2 * HALF * CELL  # m; of two maps no more is compared about their viewpoints when they are verified
 FLAT = 0.2  # m; a cloud that is not higher has no heights to choose from
 FLOOR = 1.0  # % of the points that may lie below the floor, or above the ceiling
 BAND = (0.3, 1.5)  # m above the floor: walls and furniture, but neither floor nor ceiling

@@ -21,6 +21,10 @@ class TextError(M2TError):
     """A text that is not a sequence of tokens."""
 
 
+class CloudError(SourceError):
+    """A point cloud that cannot be read."""
+
+
 class MapIndexError(M2TError):
     """An index that is missing, foreign, of another version, or locked."""
 
@@ -35,6 +39,10 @@ class QueryError(M2TError):
 
 class FetchError(M2TError):
     """A public log that is not known, or cannot be downloaded."""
+
+
+class DamagedError(Exception):
+    """What is wrong with a part of a file; who knows which file and where tells it, or skips the part."""
 
 
 def clean(text: str) -> str:

@@ -15,26 +15,31 @@ from m2t_text.errors import QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import Log
-from m2t_text.sources import SourceOptions, is_source, open_log
+from m2t_text.names import CLOUDS
+from m2t_text.sources import SourceOptions, is_source, open_log, open_source
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
 ROUNDING = 0.005  # m; travel is shown to two decimals, and what is shown must name the same map
 LIMIT = 1 << 26  # bytes; the longest text read, some hundred thousand times a map's
-KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt file, or - for standard input"
+KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt or point cloud file, or - for standard input"
 
 
 @dataclass(frozen=True)
 class Query:
-    """A text to look up or to look at, and the map that it describes; None for a text alone."""
+    """A text to look up or to look at, and the map that it describes; None for a text alone.
+
+    ``warnings`` has one line for each kind of damage that was skipped in the file it comes from.
+    """
 
     text: Text
     document: Document | None = None
+    warnings: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, document: Document) -> "Query":
+    def of(cls, document: Document, warnings: tuple[str, ...] = ()) -> "Query":
         """To look up what a map shows."""
-        return cls(document.text, document)
+        return cls(document.text, document, warnings)
 
     @property
     def title(self) -> str:
@@ -45,12 +50,13 @@ class Query:
         """What ``MapIndex.search`` leaves out: maps of the same dataset within these metres of travel.
 
         Raises:
-            QueryError: if the query is a text alone.
+            QueryError: if the query is a text alone, or a map that nobody drove.
         """
         if metres is None:
             return None
-        if self.document is None:
-            raise QueryError("a text alone has no travel to exclude; name the map by its id or by its log")
+        if self.document is None or not self.document.driven:
+            what = "a cloud" if self.document else "a text alone"
+            raise QueryError(f"{what} has no travel to exclude; name the map by its id or by its log")
         return (self.document.dataset, self.document.middle, metres)
 
 
@@ -85,6 +91,10 @@ def resolve(target: str, context: Context) -> Query:
         return _run_of_log(run, context)
     if target.lower().endswith(".txt"):
         return Query(_parsed(_contents(Path(target)), repr(target)))
+    if Path(target).suffix.lower() in CLOUDS:
+        source = open_source(target, context.options)
+        (document,) = source.describe(context.parameters, 1, lambda stage, done, of: None).documents
+        return Query.of(document, source.warnings)
     raise QueryError(_unknown(target, context))
 
 
@@ -103,14 +113,14 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if context.index is not None and document.map_id in context.index.ids:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
-        return Query.of(replace(document, travel=stored.travel, pose=stored.pose))
+        return Query.of(replace(document, travel=stored.travel, pose=stored.pose), log.warnings)
     way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    return Query.of(document)
+    return Query.of(document, log.warnings)
 
 
 def _number(run: re.Match[str]) -> float | None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from m2t_text.index.results import IndexInfo
     from m2t_text.index.store import MapIndex
     from m2t_text.keeping import Unreadable
+    from m2t_text.queries import Query
 
 DEFAULT_INDEX = Path("indexes/default")
 
@@ -47,7 +48,19 @@ OdometryTopicOption = Annotated[
         show_default="the only one, else tf",
     ),
 ]
-TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
+HeightOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--height",
+        metavar="FROM TO",
+        help="Cut a cloud to these heights, in metres.",
+        show_default="0.3 to 1.5 above its floor",
+    ),
+]
+TARGETS = (
+    "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text; "
+    "a point cloud."
+)
 
 
 def search(
@@ -64,6 +77,7 @@ def search(
     name: LogNameOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -77,6 +91,7 @@ def search(
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
     m2t-text inspect robot/000123 | m2t-text search -  a text
+    m2t-text search room.pcd --height 0.2 1.0          a point cloud
     """
     from m2t_text.answers import SearchOptions
     from m2t_text.answers import search as find
@@ -86,8 +101,9 @@ def search(
 
     _check(plot)
     options = SearchOptions(top, exclude_travel, not no_verify)
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     answer = find(query, MapIndex.open(index), options, reading)
+    _warn(answer.query)
     if plot is not None:
         _draw(answer, plot)
     if as_json:
@@ -102,6 +118,7 @@ def inspect(
     name: LogNameOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -124,8 +141,9 @@ def inspect(
     _check(plot)
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     found = resolve(target, Context(parameters, opened, reading))
+    _warn(found)
     if plot is not None:
         from m2t_text.plots import plot_document
 
@@ -215,6 +233,11 @@ def _draw(answer: "Answer", path: Path) -> None:
     found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
     plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
     note(f"drew {path}")
+
+
+def _warn(query: "Query") -> None:
+    for warning in query.warnings:
+        note(f"warning: {query.title}: {warning}")
 
 
 def _check(plot: Path | None) -> None:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from whoosh.columns import Column, ColumnReader, ColumnWriter
 
 from m2t_text.description.text import Text
-from m2t_text.errors import DamageError, LogError
+from m2t_text.errors import DamageError, SourceError
 from m2t_text.index.texts import MOST, RUN, Texts, pack
-from m2t_text.logs import checked_name
+from m2t_text.names import checked_name
 
 HEADER = np.dtype([("maps", "<u8"), ("keypoints", "<u8"), ("runs", "<u8"), ("wide", "<u8")])
 COUNTS = np.dtype("<u4")
@@ -188,7 +188,7 @@ def _names(data: bytes) -> list[str]:
     """Names as JSON has them, if they can be names of datasets."""
     try:
         names = [name if name == "" else checked_name(name) for name in json.loads(data)]
-    except (ValueError, TypeError, AttributeError, RecursionError, LogError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError, SourceError) as error:
         raise DamageError("the names of the datasets are damaged") from error
     if len(set(names)) < len(names):
         raise DamageError("the names of the datasets are damaged")

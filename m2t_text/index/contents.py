@@ -13,13 +13,13 @@ from whoosh.filedb.filestore import RamStorage
 from whoosh.filedb.structfile import StructFile
 from whoosh.index import TOC
 
-from m2t_text.errors import DamageError, LogError, MapIndexError
+from m2t_text.errors import DamageError, MapIndexError, SourceError
 from m2t_text.index.codec import MapCodec, MapSegment
 from m2t_text.index.parameters import check_parameters, from_json
 from m2t_text.index.schema import FORMAT_VERSION, schema
 from m2t_text.index.storage import MapStorage
 from m2t_text.index.unpickling import Made, load
-from m2t_text.logs import checked_name
+from m2t_text.names import checked_name
 
 INDEX = "MAIN"  # what Whoosh calls an index, and begins the names of its files with
 CONTENTS = re.compile(rf"_{INDEX}_(0|[1-9][0-9]{{0,8}})\.toc")
@@ -91,7 +91,7 @@ def read(storage: MapStorage, name: str) -> TOC:
         raise DamageError(f"{name} is too long")
     try:
         return _parsed(data, storage.path)
-    except LogError as error:
+    except SourceError as error:
         raise DamageError(f"{name}: {error}") from error
     except MALFORMED as error:
         raise DamageError(f"{name} is malformed") from error

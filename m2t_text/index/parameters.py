@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict
 
 from m2t_text.config import DescriptionParameters, MappingParameters, MatchingParameters, Parameters
-from m2t_text.logs import NAME_LENGTH
+from m2t_text.names import NAME_LENGTH
 
 RINGS, RADIUS, QUARTERS = 10, 1000.0, 4  # of what parameters may be
 LIMITS = {

@@ -14,14 +14,14 @@ from whoosh.reading import SegmentReader
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
-from m2t_text.errors import LogError, MapIndexError
+from m2t_text.errors import MapIndexError, SourceError
 from m2t_text.index.codec import MapSegment
 from m2t_text.index.committing import SegmentMaker
 from m2t_text.index.folder import open_whoosh, reading
 from m2t_text.index.parameters import to_json
 from m2t_text.index.schema import to_fields
 from m2t_text.index.texts import MOST
-from m2t_text.logs import checked_name
+from m2t_text.names import checked_name
 
 DEAD = 0.25  # share of deleted documents from which a segment is written anew
 
@@ -150,7 +150,7 @@ def check(document: Document, name: str) -> None:
         raise MapIndexError(f"a map of dataset {document.dataset!r} cannot be put into dataset {name!r}")
     try:
         checked_name(name)
-    except LogError as error:
+    except SourceError as error:
         raise MapIndexError(str(error)) from error
     scans = (document.first_scan, document.last_scan, document.points)
     if not all(isinstance(number, int | np.integer) and 0 <= number < 2**62 for number in scans):

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test stress lint docs clean
+.PHONY: demo test stress bench lint docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
@@ -13,6 +13,10 @@ test: $(VENV)/.installed-test
 
 stress: $(VENV)/.installed-test
 	$(BIN)/python tests/stress.py
+
+# BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
+bench: $(VENV)/.installed-bench
+	$(BIN)/python tests/benchmarks/bench.py
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .
@@ -39,6 +43,10 @@ $(VENV)/.installed-lint: $(VENV)/.installed
 
 $(VENV)/.installed-docs: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@touch $@
+
+$(VENV)/.installed-bench: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	@touch $@
 
 clean:

@@ -28,6 +28,7 @@ TWO_STEPS = U(0x0303)  # the bits of two by two coarse steps, and
 OF_A_BLOCK = U(0x00003F3F3F3F3F3F)  # of the six by six offsets in them
 LIMIT = 126  # cells; keypoints of the query beyond count as matched: the coarse grid must hold their partners
 MARGIN = 14  # cells about the query in which a mask is not empty
+GLANCE = 8  # every so manieth keypoint tells which maps are worth measuring first
 EMPTY = FINE.empty  # the place of nothing in the fine windows
 
 
@@ -38,7 +39,8 @@ class Bounder(NamedTuple):
         half: cells from the middle of a table to its border.
         coarse, fine: (V, 4 half² + 2) uint64 masks of a map's keypoint in each cell; see `_masks`. The last two
             are of what lies outside, and of nothing.
-        far: number of the query's keypoints beyond LIMIT.
+        size: number of the query's keypoints.
+        far: of those beyond LIMIT.
         groups: (V, G) int64 places in the coarse windows of the query's keypoints, one for each coarse cell.
         begins: (V, B + 1) where those begin that stand for 1, 2, 4, ... keypoints; filled up to eights.
         cells: (V, F) int64 places in the fine windows of the query's keypoints, filled up to eights.
@@ -47,6 +49,7 @@ class Bounder(NamedTuple):
     half: int
     coarse: NDArray[np.uint64]
     fine: NDArray[np.uint64]
+    size: int
     far: int
     groups: NDArray[np.int64]
     begins: NDArray[np.int64]
@@ -70,7 +73,7 @@ class Bounder(NamedTuple):
         places = FINE.places(x, y)
         filled = np.full((len(x), -(-places.shape[1] // 8) * 8), FINE.empty)
         filled[:, : places.shape[1]] = places
-        return cls(half, coarse, fine, far, groups, begins, filled)
+        return cls(half, coarse, fine, len(near), far, groups, begins, filled)
 
 
 def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -106,17 +109,18 @@ def _masks(x: Any, y: Any, half: Any, first: Any, step: Any) -> Any:
             for row in range(max(y[k] + middle - 1, 0), min(y[k] + middle + step + 1, wide)):
                 near[column, row] = 1
     bits = np.zeros((wide, side), np.uint8)
-    for j in range(8):
-        first_row = MARGIN - first - step * j
-        for column in range(wide):
-            for row in range(side):
-                bits[column, row] |= near[column, row + first_row] << j
+    for column in range(U(wide)):
+        for j in range(8):
+            first_row = U(MARGIN - first - step * j)
+            for row in range(U(side)):
+                bits[column, row] |= near[column, row + first_row] << U(j)
     masks = np.zeros(side * side + 2, np.uint64)
-    for i in range(8):
-        first_column = MARGIN - first - step * i
-        for column in range(side):
-            for row in range(side):
-                masks[column * side + row] |= U(bits[column + first_column, row]) << U(8 * i)
+    for column in range(U(side)):
+        begin = column * U(side)
+        for i in range(8):
+            other = column + U(MARGIN - first - step * i)
+            for row in range(U(side)):
+                masks[begin + row] |= U(bits[other, row]) << U(8 * i)
     return masks
 
 
@@ -142,10 +146,8 @@ def _add_cells(table: Any, places: Any, count: Any, masks: Any, planes: Any) -> 
 
 
 @numba.njit(cache=True, nogil=True)
-def _coarse_sums(bounder: Any, v: Any, places: Any, count: Any, windows: Any, masks: Any, planes: Any) -> None:
-    """|Q'| + |M'| at most, without the far keypoints, under each coarse step of a view."""
-    planes[:] = U(0)
-    _add_cells(bounder.coarse[v], places, count, masks, planes)
+def _add_groups(bounder: Any, v: Any, windows: Any, masks: Any, planes: Any) -> None:
+    """Adds |Q'|, without the far keypoints, under each coarse step of a view."""
     for digit in range(bounder.begins.shape[1] - 1):
         begin, end = bounder.begins[v, digit], bounder.begins[v, digit + 1]
         for k in range(end - begin):
@@ -178,27 +180,60 @@ def _room(texts: Any, documents: Any, bounder: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def coarse_bounds(texts: Texts, documents: Any, bounder: Bounder, scratch: Scratch, bounds: Any) -> None:
-    """What |Q'| + |M'| of `agreement.agree` cannot exceed.
+def glances(texts: Texts, documents: Any, bounder: Bounder, shares: Any) -> None:
+    """Writes to ``shares`` (K,) how well documents may fit, by the few keypoints that are looked at.
 
-    Args:
-        texts: of a segment.
-        documents: (K,) int64 their numbers.
-        scratch: of COARSE.
-        bounds: (K,) int32 result.
+    That is the share of them that lie near the query's under the best coarse step.
     """
     room = _room(texts, documents, bounder)
     x, y, places = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.uint32)
     masks, planes = np.empty(room, np.uint64), np.empty(DIGITS, np.uint64)
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], x, y)
-        windows = coarse_windows(x, y, size, scratch)
-        count = _flat(x, y, size, 0, 0, bounder.half, places)
+        few = (size + GLANCE - 1) // GLANCE
+        for point in range(U(few)):
+            x[point], y[point] = x[point * U(GLANCE)], y[point * U(GLANCE)]
+        count = _flat(x, y, few, 0, 0, bounder.half, places)
         best = 0
         for v in range(len(bounder.coarse)):
-            _coarse_sums(bounder, v, places, count, windows, masks, planes)
+            planes[:] = U(0)
+            _add_cells(bounder.coarse[v], places, count, masks, planes)
             best = max(best, largest(planes, ~U(0)))
-        bounds[k] = best + bounder.far
+        shares[k] = best / max(few, 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def coarse_bounds(
+    texts: Texts, documents: Any, bounder: Bounder, needed: Any, scratch: Scratch, bounds: Any
+) -> None:
+    """What |Q'| + |M'| of `agreement.agree` cannot exceed.
+
+    Args:
+        texts: of a segment.
+        documents: (K,) int64 their numbers.
+        needed: (K,) the least |Q'| + |M'| of interest.
+        scratch: of COARSE.
+        bounds: (K,) int32 result, 0 where what is needed cannot be reached.
+    """
+    room, views = _room(texts, documents, bounder), len(bounder.coarse)
+    x, y, places = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.uint32)
+    masks, planes = np.empty(room, np.uint64), np.empty((views, DIGITS), np.uint64)
+    for k in range(len(documents)):
+        size = cells_of(texts, documents[k], x, y)
+        count = _flat(x, y, size, 0, 0, bounder.half, places)
+        best = 0
+        planes[:] = U(0)
+        for v in range(views):
+            _add_cells(bounder.coarse[v], places, count, masks, planes[v])
+            best = max(best, largest(planes[v], ~U(0)))
+        bounds[k] = 0
+        if best + bounder.size >= needed[k]:  # else not even if all of the query's keypoints matched
+            windows = coarse_windows(x, y, size, scratch)
+            best = 0
+            for v in range(views):
+                _add_groups(bounder, v, windows, masks, planes[v])
+                best = max(best, largest(planes[v], ~U(0)))
+            bounds[k] = best + bounder.far
 
 
 @numba.njit(cache=True, nogil=True)
@@ -220,8 +255,10 @@ def fine_bounds(
         coarse_view, fine_view = coarse_windows(x, y, size, coarse), fine_windows(x, y, size, fine)
         bounds[k] = 0
         for v in range(len(bounder.coarse)):
+            planes[:] = U(0)
             count = _flat(x, y, size, 0, 0, bounder.half, places)
-            _coarse_sums(bounder, v, places, count, coarse_view, masks, planes)
+            _add_cells(bounder.coarse[v], places, count, masks, planes)
+            _add_groups(bounder, v, coarse_view, masks, planes)
             steps = at_least(planes, max(needed[k] - bounder.far, 0))
             for block in range(16):  # of two by two steps
                 i, j = block // 4, block % 4

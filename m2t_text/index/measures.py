@@ -2,6 +2,7 @@
 
 import threading
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from m2t_text.index.collection import Collection
 from m2t_text.index.scores import Scores
 from m2t_text.index.texts import Texts
 from m2t_text.index.views import QUARTER, Views, views
-from m2t_text.index.windows import COARSE, FINE, Scratch
+from m2t_text.index.windows import COARSE, FINE, Grid, Scratch
 
 Floats = NDArray[np.float64]
 Documents = NDArray[np.int64]
@@ -39,7 +40,10 @@ class WordMeasure:
         norms = np.sqrt(self._own * self.whole.norms[name][documents])
         return np.where(norms > 0, norms, 1.0)
 
-    def bound(self, name: str, documents: Documents) -> Floats:
+    def promise(self, name: str, documents: Documents) -> Floats:
+        return self.bound(name, documents)
+
+    def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
         sums = np.zeros(len(documents))
         intersection.bounds(self.texts(name), documents, self.counts, self.weights, sums)
         return sums / self.norms(name, documents)
@@ -100,7 +104,7 @@ class AgreementMeasure:
         near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0, initial=0) <= REACH
         cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
         self._seen = Views(seen.angles, *cells)
-        self._scratch = threading.local()
+        self._rooms = threading.local()
         self._lock = threading.RLock()  # the first thread makes what all use
 
     @cached_property
@@ -121,26 +125,30 @@ class AgreementMeasure:
         with self._lock:
             return self._made_bounder
 
-    def bound(self, name: str, documents: Documents) -> Floats:
+    def promise(self, name: str, documents: Documents) -> Floats:
+        shares = np.zeros(len(documents))
+        if len(self._seen.wa):
+            bounds.glances(self._texts(name), documents, self._bounder, shares)
+        return shares
+
+    def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
+        return self._bounded(bounds.coarse_bounds, name, documents, threshold, COARSE)
+
+    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
+        return self._bounded(bounds.fine_bounds, name, documents, threshold, COARSE, FINE)
+
+    def _bounded(self, kernel: Any, name: str, documents: Documents, threshold: float, *grids: Grid) -> Floats:
+        """What one of the kernels of `bounds` tells."""
         if not len(self._seen.wa):
             return np.zeros(len(documents))
         if self._window > bounds.WINDOW:
-            return np.ones(len(documents))
-        most = np.zeros(len(documents), dtype=np.int32)
-        coarse, _ = self._grids()
-        bounds.coarse_bounds(self._texts(name), documents, self._bounder, coarse, most)
-        return most / self._sizes(name, documents)
-
-    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
-        if self._window > bounds.WINDOW or not len(documents):
             return np.ones(len(documents))
         sizes = self._sizes(name, documents)
         needed = np.ceil(threshold * sizes)
         needed -= (needed - 1) / sizes >= threshold  # where rounding went up
         most = np.zeros(len(documents), dtype=np.int32)
-        bounds.fine_bounds(
-            self._texts(name), documents, self._bounder, needed.astype(np.int32), *self._grids(), most
-        )
+        scratch = (self._room(grid) for grid in grids)
+        kernel(self._texts(name), documents, self._bounder, needed.astype(np.int32), *scratch, most)
         return most / sizes
 
     def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
@@ -160,8 +168,9 @@ class AgreementMeasure:
         starts = self._texts(name).starts
         return self._size + starts[documents + 1] - starts[documents]
 
-    def _grids(self) -> tuple[Scratch, Scratch]:
-        """Room for the maps of this thread, kept from one call to the next."""
-        if not hasattr(self._scratch, "grids"):
-            self._scratch.grids = COARSE.scratch(), FINE.scratch()
-        return self._scratch.grids
+    def _room(self, grid: Grid) -> Scratch:
+        """Room for a map on this grid, kept by each thread from one call to the next."""
+        rooms = self._rooms.__dict__.setdefault("rooms", {})
+        if grid not in rooms:
+            rooms[grid] = grid.scratch()
+        return rooms[grid]

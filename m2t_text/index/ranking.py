@@ -20,8 +20,11 @@ SHARE = 1024  # documents that a thread takes at a time, at most
 class Measure(Protocol):
     """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
 
-    def bound(self, name: str, documents: Documents) -> Floats:
-        """What the scores of documents (K,) cannot exceed, cheaply."""
+    def promise(self, name: str, documents: Documents) -> Floats:
+        """A guess of what documents (K,) may score, to begin with the best; a wrong one only costs time."""
+
+    def bound(self, name: str, documents: Documents, threshold: float) -> Floats:
+        """What the scores of documents (K,) cannot exceed; below the threshold it may be 0."""
 
     def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
         """The same, tighter; of a score below the threshold anything below the threshold may be told."""
@@ -61,20 +64,22 @@ class Ranking:
         Places count in the order in which the documents were given. Those without a match are left out. Exact:
         whatever else there is has a bound below ``top`` scores.
         """
-        bounds = _joined(self._each(self._measure.bound, np.arange(len(self._documents))))
-        order = np.argsort(-bounds, kind="stable")
-        done, rest = np.split(order[bounds[order] > 0], [2 * top])
+        every = np.arange(len(self._documents))
+        promise = _joined(self._each(self._measure.promise, every))
+        done = np.argsort(-promise, kind="stable")[: 2 * top]
         scores = self._scores(done, 0.0)
         last = _last(scores, top)
-        rest = np.sort(rest[bounds[rest] >= last])
-        tight = _joined(self._each(self._measure.tighten, rest, last))
-        order = np.argsort(-tight, kind="stable")
-        rest, tight = rest[order], tight[order]
-        while len(rest) and tight[0] >= last:
-            # The batches double: few of them, and the last score rises early.
-            batch, rest = np.split(rest[tight >= last], [len(done)])
-            scores = Scores.joined([scores, self._scores(batch, last)])
-            done, tight = np.append(done, batch), tight[len(batch) : len(batch) + len(rest)]
+        bounds = _joined(self._each(self._measure.bound, every, last))
+        bounds[done] = 0.0
+        order = np.argsort(-bounds, kind="stable")
+        rest = order[bounds[order] > 0]
+        while len(rest) and bounds[rest[0]] >= last:
+            # Batches double: few of them, and what the first ones find spares a close look at the later ones.
+            batch, rest = np.split(rest[bounds[rest] >= last], [len(done)])
+            tight = _joined(self._each(self._measure.tighten, np.sort(batch), last))
+            promising = np.sort(batch)[tight >= last]
+            scores = Scores.joined([scores, self._scores(promising, last)])
+            done = np.append(done, promising)
             last = _last(scores, top)
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
         return done[kept], scores[kept]

@@ -1,6 +1,7 @@
 """An index from a stranger runs nothing, leads nowhere, and takes no more memory than it has bytes."""
 
 import pickle
+import sys
 from pathlib import Path
 
 import hostile
@@ -10,6 +11,8 @@ from states import built, contents, copied, expected
 from m2t_text.errors import DamageError
 from m2t_text.index.store import MapIndex
 from m2t_text.index.unpickling import Made, load
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
 STATE = {"a": 5, "b": 11}
 

@@ -79,10 +79,10 @@ def _print(checked: "Check", done: list[str]) -> None:
 def _damage(checked: "Check") -> str:
     """One line for all that is damaged."""
     hurt = [
-        f"{one.name} ({one.lost:,} of {one.maps + one.lost:,} maps)" for one in checked.datasets if one.lost
+        f"{one.lost:,} of {one.maps + one.lost:,} maps of {one.name}" for one in checked.datasets if one.lost
     ]
-    lost = f"lost of {', '.join(hurt)}" if hurt else "no map is lost"
-    if not checked.datasets:
+    lost = f"{', '.join(hurt)} lost" if hurt else "no map lost"
+    if not checked.legible:
         lost = "nothing can be told of its maps"
     return (
         f"the index in {checked.path} is damaged: {lost}; `m2t-text check --repair --index {checked.path}` "

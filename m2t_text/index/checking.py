@@ -40,7 +40,7 @@ class Check:
     """What was found in an index.
 
     Attributes:
-        files: all that the latest state consists of.
+        files: all that the latest state consists of: the table of contents, its copy, and the segments.
         datasets: by name; none if the table of contents cannot be read.
         leftovers: files that a killed writer left; the next one removes them, and they harm nobody.
     """
@@ -53,6 +53,11 @@ class Check:
     @property
     def sound(self) -> bool:
         return all(file.problem is None for file in self.files)
+
+    @property
+    def legible(self) -> bool:
+        """Whether the table of contents or its copy can be read."""
+        return any(file.problem is None for file in self.files[:2])
 
 
 def check_index(folder: Path, progress: Progress | None = None) -> Check:

@@ -4,6 +4,7 @@ Every map has one term in each indexed field, and that is the value of the field
 follow from the columns, and are not stored; nor are the stored fields, which are columns, too.
 """
 
+import secrets
 from bisect import bisect_left
 from collections.abc import Iterator
 from itertools import groupby
@@ -39,6 +40,11 @@ class MapSegment(W3Segment):
         self.size = 0
         self.digest = ""
         self.maps: dict[str, int] = {}
+
+    @classmethod
+    def _random_id(cls, size: int = 16) -> str:
+        """Two segments must not share an id, also where programs seed their random numbers alike."""
+        return secrets.token_hex(size // 2)
 
     def count(self, dataset: str, change: int) -> None:
         """Counts so many maps of a dataset more."""

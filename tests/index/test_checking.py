@@ -92,12 +92,12 @@ def test_a_hurt_table_of_contents_is_written_anew(index: MapIndex, name: str) ->
     other = {"_MAIN_6.toc": "_MAIN_6.copy.toc"}.get(name, "_MAIN_6.toc")
     for nonsense in (b"nonsense", b""):
         (index.path / name).write_bytes(nonsense)
-        assert not check_index(index.path).sound
+        assert not check_index(index.path).sound and check_index(index.path).legible
         assert repair_index(index.path, 1.0) == [f"wrote {name} anew from {other}"]
         assert contents(MapIndex.open(index.path)) == expected(STATE)
     for each in (name, other):
         (index.path / each).write_bytes(b"nonsense")
-    assert check_index(index.path).datasets == ()
+    assert check_index(index.path).datasets == () and not check_index(index.path).legible
     with pytest.raises(MapIndexError, match="nothing can be told"):
         repair_index(index.path, 1.0)
 

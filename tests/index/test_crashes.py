@@ -2,6 +2,7 @@
 
 import errno
 import os
+import sys
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +12,8 @@ import pytest
 from states import Change, built, changes, contents, copied, expected, litter
 
 from m2t_text.index.store import MapIndex
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
 BEFORE = {"a": 3, "b": 11, "c": 4, "d": 17}
 CHANGE = Change({"a": 8, "b": None, "e": 5}, False, {"a": 8, "c": 4, "d": 17, "e": 5})

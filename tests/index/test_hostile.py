@@ -1,6 +1,7 @@
 """An index from a stranger runs nothing, leads nowhere, and takes no more memory than it has bytes."""
 
 import pickle
+import sys
 from pathlib import Path
 
 import children
@@ -14,6 +15,8 @@ from m2t_text.errors import DamageError, MapIndexError
 from m2t_text.index.store import MapIndex
 from m2t_text.index.unpickling import Made, load
 from m2t_text.index.weighting import HistogramIntersection, OffsetAgreement
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
 STATE = {"a": 5, "b": 11}
 BAGS = HistogramIntersection(None)

@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+import sys
 import time
 from itertools import islice
 from pathlib import Path
@@ -16,6 +17,8 @@ from states import built, changes, contents, expected, maps
 from m2t_text.errors import MapIndexError
 from m2t_text.index import locking, store
 from m2t_text.index.store import MapIndex
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
 
 @pytest.fixture(scope="module")

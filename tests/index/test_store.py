@@ -1,6 +1,7 @@
 """An index on disk: documents come back, commits are atomic, and what cannot be opened is said."""
 
 import json
+import random
 import re
 from dataclasses import replace
 
@@ -212,6 +213,13 @@ def test_a_second_writer_is_told(index, monkeypatch, caplog):
     assert [record.message for record in caplog.records] == [
         f"waiting up to 0.05 s for another process that writes to {index.path}"
     ]
+
+
+def test_segments_differ_where_random_numbers_are_the_same(index):
+    for name in "abc":
+        random.seed(1)
+        index.replace(name, random_documents(ord(name), name, 9 - 3 * "abc".index(name)))
+    assert len({segment.segment_id() for segment in index.whoosh._segments()}) == 3 and len(index) == 18
 
 
 def test_segments_stay_few_and_deletions_are_cleared(index):

@@ -1,5 +1,6 @@
 """What the commands answer, as objects that are printed, saved as JSON and compared."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -9,7 +10,9 @@ from m2t_text.errors import QueryError
 from m2t_text.finding import Finding, Found, find
 from m2t_text.index.results import IndexInfo
 from m2t_text.index.store import MapIndex
+from m2t_text.keeping import Unreadable
 from m2t_text.queries import Context, Query, resolve
+from m2t_text.sources import SourceOptions
 
 
 @dataclass(frozen=True)
@@ -39,12 +42,13 @@ class Answer:
     def to_json(self) -> dict[str, Any]:
         """The document of ``search --json``."""
         origin = self.query.document
+        driven = origin if origin and origin.driven else None
         return {
             "query": {
                 "map_id": origin.map_id if origin else None,
                 "dataset": origin.dataset if origin else None,
-                "first_scan": origin.first_scan if origin else None,
-                "last_scan": origin.last_scan if origin else None,
+                "first_scan": driven.first_scan if driven else None,
+                "last_scan": driven.last_scan if driven else None,
                 "keypoints": len(self.query.text),
             },
             "index": {
@@ -58,12 +62,16 @@ class Answer:
                 "verify": self.finding.verify_seconds,
             },
             "verdict": self.finding.verdict,
-            "results": [_result(rank, result) for rank, result in enumerate(self.finding.results, start=1)],
+            "results": [
+                _result(rank, result, driven is not None)
+                for rank, result in enumerate(self.finding.results, start=1)
+            ],
         }
 
 
-def _result(rank: int, result: Found) -> dict[str, Any]:
+def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:
     document = result.hit.document
+    pose = None if result.pose is None else result.pose.tolist()
     return {
         "rank": rank,
         "map_id": document.map_id,
@@ -73,19 +81,33 @@ def _result(rank: int, result: Found) -> dict[str, Any]:
         "travel": document.travel.tolist(),
         "score": result.hit.score,
         "matched": result.hit.matched,
-        "pose": None if result.pose is None else result.pose.tolist(),
+        "pose": pose if driven else None,
+        "frame_pose": pose,  # the same, and that of the frame of a query without scans
         "inlier_ratio": result.inlier_ratio,
     }
 
 
-def search(target: str, index: MapIndex, options: SearchOptions, name: str | None = None) -> Answer:
-    """Finds the maps of the index that show what ``target`` names; ``name`` is its dataset, if it is a log.
+def search(
+    target: str,
+    index: MapIndex,
+    options: SearchOptions = SearchOptions(),
+    reading: SourceOptions | None = None,
+) -> Answer:
+    """Finds the maps of the index that show what ``target`` names; ``reading`` says how, if it is a file.
 
     Raises:
-        QueryError, LogError, TextError: if it names nothing that can be searched.
+        QueryError, SourceError, TextError: if it names nothing that can be searched.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> answer = m2t.search("drive.log@8", index, m2t.SearchOptions(top=1))
+        >>> answer.query.title == answer.finding.results[0].hit.map_id
+        True
     """
     begin = perf_counter()
-    query = resolve(target, Context(index.parameters, index, name))
+    index = index.pinned()
+    query = resolve(target, Context(index.parameters, index, reading or SourceOptions()))
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     described = perf_counter() - begin
@@ -107,7 +129,7 @@ def inspection(query: Query) -> dict[str, Any]:
         "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
         "centre_of_gravity": centre.tolist(),
         "points": document.points if document else len(text),
-        "travel": document.travel.tolist() if document else None,
+        "travel": document.travel.tolist() if document and document.driven else None,
     }
 
 
@@ -122,3 +144,19 @@ def summary(info: IndexInfo) -> dict[str, Any]:
         "bytes": info.bytes,
         "datasets": [asdict(dataset) for dataset in info.datasets],
     }
+
+
+def listing(indexes: Sequence[IndexInfo | Unreadable]) -> list[dict[str, Any]]:
+    """The indexes of one folder, in ``info --json``."""
+    return [
+        {"path": str(one.path), "error": one.reason}
+        if isinstance(one, Unreadable)
+        else {
+            "path": str(one.path),
+            "profile": one.parameters.profile,
+            "maps": one.maps,
+            "bytes": one.bytes,
+            "datasets": [dataset.name for dataset in one.datasets],
+        }
+        for one in indexes
+    ]

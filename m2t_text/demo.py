@@ -85,11 +85,9 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
     index_sources(Request([folder / f"{first.name}.log"], folder / "index", jobs=jobs), progress)
     index = MapIndex.open(folder / "index")
     queries = list(_apart(describe_log(second, index.parameters, jobs, partial(progress, second.name))))
-    find(
-        index, Query(queries[0].text, queries[0])
-    )  # the first search of a process loads the compiled code; it is not timed
+    find(index, Query.of(queries[0]))  # the first search of a process loads the compiled code; it is not timed
     begin = perf_counter()
-    findings = [find(index, Query(query.text, query), 1) for query in queries]
+    findings = [find(index, Query.of(query), 1) for query in queries]
     seconds = (perf_counter() - begin) / len(queries)
     known = np.array([_place(first, document) for document in index.documents(first.name)])
     visits, right, sure = [], [], []

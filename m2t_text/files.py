@@ -1,12 +1,44 @@
-"""Files that appear whole or not at all, and folders to put them in."""
+"""Files to read, which may be anything; files that appear whole or not at all, and folders to put them in."""
 
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 
-from m2t_text.errors import M2TError
+from m2t_text.errors import M2TError, SourceError
+
+
+def shown(path: Path) -> str:
+    """The path as it can stand in a one-line message."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
+
+
+@contextmanager
+def opened(path: Path, failure: type[SourceError]) -> Iterator[BufferedReader]:
+    """A regular file with something in it, open for reading.
+
+    Raises a ``failure`` with one line if there is no such file, and if the system refuses to read on.
+    """
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise failure(f"{shown(path)} is a directory: name a file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise failure(f"{shown(path)} is not a regular file: save it to a file first")
+        if status.st_size == 0:
+            raise failure(f"{shown(path)} is empty: fetch or record it again")
+        with path.open("rb") as file:
+            yield file
+    except FileNotFoundError as error:
+        raise failure(f"{shown(path)} does not exist: check the path") from error
+    except PermissionError as error:
+        raise failure(f"{shown(path)} may not be read: check its permissions") from error
+    except (OSError, ValueError) as error:
+        raise failure(f"{shown(path)} cannot be read: {error}") from error
 
 
 @contextmanager

@@ -36,8 +36,8 @@ class Found:
 
     Attributes:
         hit: as the index found it.
-        pose: (3,) the query's first-scan robot frame in the hit's first-scan robot frame; None where it was not
-            verified, or where the query has no scans.
+        pose: (3,) the query's first-scan robot frame in the hit's first-scan robot frame, or in each case the
+            frame of a map that was not driven; None where it was not verified, or where the query is a text.
         inlier_ratio: of the alignment, None where it was not verified.
         alignment: of the two texts, None where it was not verified.
     """
@@ -78,8 +78,19 @@ def find(
     Args:
         top: number of results at most, 0 for all maps.
         exclude: (dataset, travel, metres), as for `MapIndex.search`.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> query = m2t.Query.of(index.document("drive/000040"))
+        >>> finding = m2t.find(index, query, top=1)
+        >>> [(found.hit.map_id, found.inlier_ratio) for found in finding.results]
+        [('drive/000040', 1.0)]
+        >>> finding.verdict in ("match", "ambiguous", "none")
+        True
     """
     begin = perf_counter()
+    index = index.pinned()  # also where it is written meanwhile, the hits' texts are those that were scored
     hits = index.search(query.text, max(top, VERIFIED) if top and verify else top, exclude)
     searched = perf_counter() - begin
     if not verify:
@@ -95,6 +106,14 @@ def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Foun
     """The hits aligned with the query, best first: by inlier ratio and agreement, ties by score, size, map id.
 
     Both count more where both maps are large, as they say more: a short piece of wall fits anywhere.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> query = m2t.Query.of(index.document("drive/000040"))
+        >>> best = m2t.verify_hits(index, query, index.search(query.text, top=5))[0]
+        >>> best.inlier_ratio, best.pose.round(2).tolist()
+        (1.0, [0.0, 0.0, 0.0])
     """
     texts = [index.document(hit.map_id).text for hit in hits]
     alignments = align(query.text, texts, index.parameters.mapping.cell)

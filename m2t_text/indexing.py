@@ -1,24 +1,18 @@
-"""From log files to an index: several sources in one commit."""
+"""From files to an index: several sources in one commit."""
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from time import perf_counter
 
-from whoosh.index import exists_in
-
 from m2t_text.config import PROFILES, Parameters, parameters_of
-from m2t_text.description.document import Document
-from m2t_text.errors import LogError, M2TError
-from m2t_text.index.store import MapIndex
+from m2t_text.errors import SourceError
+from m2t_text.index.folder import holds_index
+from m2t_text.index.store import MapIndex, open_index
 from m2t_text.index.writing import MapWriter
-from m2t_text.logs import Log, checked_name, dataset_name, read_log
-from m2t_text.mapping.trajectory import survey
-from m2t_text.pipeline import describe_survey
+from m2t_text.sources import SourceOptions, dataset_names, open_source
 
 Progress = Callable[[str, str, int, int], None]  # what, stage, done, all
 
@@ -28,23 +22,23 @@ class Request:
     """What to index, and how.
 
     Attributes:
-        sources: log files, each one dataset.
+        sources: files, each one dataset.
         index: folder; an index is made there if there is none.
         profile: None for that of the index, or the default one.
         jobs: processes that describe maps.
-        name: of the dataset, where there is one source; else the file's name.
+        options: how to read the sources; a name where there is one source only.
     """
 
     sources: Sequence[Path]
     index: Path
     profile: str | None = None
     jobs: int = 1
-    name: str | None = None
+    options: SourceOptions = field(default_factory=SourceOptions)
 
 
 @dataclass(frozen=True)
 class Indexed:
-    """A dataset that went into the index, and what was skipped in its log."""
+    """A dataset that went into the index, and what was skipped in its source."""
 
     name: str
     scans: int
@@ -70,67 +64,33 @@ def index_sources(request: Request, progress: Progress | None = None) -> Report:
         M2TError: if the request cannot be met; nothing is written then.
     """
     tell = progress or (lambda what, stage, done, of: None)
-    names = _names(request)
+    names = dataset_names(request.sources, "indexed", request.options.name)
     parameters = _parameters(request)
     report = Report()
     with ExitStack() as commit:
         writer: MapWriter | None = None
-        for source, name in zip(request.sources, names, strict=True):
+        for path, name in zip(request.sources, names, strict=True):
             begin = perf_counter()
             try:
-                log = read_log(source, name, partial(tell, name, "reading"))
-                documents, drive = _described(log, parameters, request.jobs, partial(tell, name))
-            except LogError as error:
+                options = replace(request.options, name=name)
+                source = open_source(path, options, partial(tell, name, "reading"))
+                described = source.describe(parameters, request.jobs, partial(tell, name))
+            except SourceError as error:
                 report.failed.append(str(error))
                 continue
             # The index is made, and locked, not before there is something to put into it.
-            writer = writer or commit.enter_context(_opened(request.index, parameters).writer())
-            writer.replace(name, documents, drive)
-            report.indexed.append(Indexed(name, len(log.scans), perf_counter() - begin, log.warnings))
+            writer = writer or commit.enter_context(open_index(request.index, parameters).writer())
+            writer.replace(name, described.documents, described.drive)
+            scans, _ = described.drive
+            report.indexed.append(Indexed(name, scans, perf_counter() - begin, source.warnings))
         tell("index", "writing", 0, 1)
     tell("index", "writing", 1, 1)
     return report
 
 
-def _names(request: Request) -> list[str]:
-    """The dataset of each source. Told before the work: what is missing, and what would replace itself."""
-    if request.name is not None and len(request.sources) > 1:
-        raise M2TError("--name names one dataset, but there are several sources; index them one by one")
-    for source in request.sources:
-        if not source.is_file():
-            wrong = "is a folder; name the logs in it" if source.is_dir() else "does not exist"
-            raise LogError(f"{str(source)!r} {wrong}; nothing was indexed")
-    if request.name is not None:
-        return [checked_name(request.name)]
-    names = [dataset_name(source) for source in request.sources]
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise M2TError(f"{count} sources would be the dataset {name!r}; index them one by one with --name")
-    return names
-
-
 def _parameters(request: Request) -> Parameters:
     """Of the index if there is one, which must be those asked for, if any are."""
     wanted = parameters_of(request.profile) if request.profile is not None else None
-    if exists_in(str(request.index)):
+    if holds_index(request.index):
         return MapIndex.open(request.index, wanted).parameters
     return wanted or PROFILES["default"]
-
-
-def _opened(path: Path, parameters: Parameters) -> MapIndex:
-    return MapIndex.open(path, parameters) if exists_in(str(path)) else MapIndex.create(path, parameters)
-
-
-def _described(
-    log: Log, parameters: Parameters, jobs: int, tell: Callable[[str, int, int], None]
-) -> tuple[Iterator[Document], tuple[int, float]]:
-    """The maps of a log, and its scans and travel. A log without any map must not empty its dataset."""
-    whole = survey(log, parameters.mapping, partial(tell, "scans"))
-    documents = describe_survey(whole, log.name, parameters, jobs, tell)
-    first = next(documents, None)
-    if first is None:
-        length = parameters.mapping.run_length
-        raise LogError(
-            f"{log.name}: the robot travels less than the {length:g} m of one map; record a longer log"
-        )
-    return chain([first], documents), (len(log.scans), float(whole.way[-1]))

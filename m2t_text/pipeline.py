@@ -58,7 +58,15 @@ def view_text(points: NDArray[np.float64], parameters: DescriptionParameters, ce
 def describe_log(
     log: Log, parameters: Parameters, jobs: int = 1, progress: Progress | None = None
 ) -> Iterator[Document]:
-    """The documents of all local maps of a log, in the order of their first scans; see `describe_survey`."""
+    """The documents of all local maps of a log, in the order of their first scans; see `describe_survey`.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> log = m2t.read_log("drive.log")
+        >>> documents = list(m2t.describe_log(log, m2t.PROFILES["default"]))
+        >>> documents[0].map_id, len(documents[0].text) == documents[0].text.wx.size
+        ('drive/000000', True)
+    """
     tell = progress or _silent
     # Map building (IV-A)
     whole = survey(log, parameters.mapping, partial(tell, "scans"))
@@ -86,6 +94,12 @@ def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
     """The document of the local map that begins at one scan of a log; only the scans around it are matched.
 
     The text is nearly that of `describe_log`. Travel and pose begin where wheel odometry puts the scan.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> document = m2t.describe_at(m2t.read_log("drive.log"), 40, m2t.PROFILES["default"])
+        >>> document.map_id, document.text.wx.dtype, document.viewpoint.shape
+        ('drive/000040', dtype('int16'), (3,))
     """
     return describe(local_map_at(log, scan, parameters.mapping), log.name, parameters)
 

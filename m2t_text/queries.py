@@ -3,7 +3,7 @@
 import re
 import sys
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,21 +14,32 @@ from m2t_text.description.text import Text, parse
 from m2t_text.errors import QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
-from m2t_text.logs import Log, read_log
+from m2t_text.logs import Log
+from m2t_text.names import CLOUDS
+from m2t_text.sources import SourceOptions, is_source, open_log, open_source
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
 ROUNDING = 0.005  # m; travel is shown to two decimals, and what is shown must name the same map
 LIMIT = 1 << 26  # bytes; the longest text read, some hundred thousand times a map's
-KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt file, or - for standard input"
+KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt or point cloud file, or - for standard input"
 
 
 @dataclass(frozen=True)
 class Query:
-    """A text to look up or to look at, and the map that it describes; None for a text alone."""
+    """A text to look up or to look at, and the map that it describes; None for a text alone.
+
+    ``warnings`` has one line for each kind of damage that was skipped in the file it comes from.
+    """
 
     text: Text
     document: Document | None = None
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, document: Document, warnings: tuple[str, ...] = ()) -> "Query":
+        """To look up what a map shows."""
+        return cls(document.text, document, warnings)
 
     @property
     def title(self) -> str:
@@ -39,12 +50,13 @@ class Query:
         """What ``MapIndex.search`` leaves out: maps of the same dataset within these metres of travel.
 
         Raises:
-            QueryError: if the query is a text alone.
+            QueryError: if the query is a text alone, or a map that nobody drove.
         """
         if metres is None:
             return None
-        if self.document is None:
-            raise QueryError("a text alone has no travel to exclude; name the map by its id or by its log")
+        if self.document is None or not self.document.driven:
+            what = "a cloud" if self.document else "a text alone"
+            raise QueryError(f"{what} has no travel to exclude; name the map by its id or by its log")
         return (self.document.dataset, self.document.middle, metres)
 
 
@@ -55,31 +67,34 @@ class Context:
     Attributes:
         parameters: those of the index where there is one.
         index: None where there is none; logs and texts need none.
-        name: the dataset's name of a log, where it is not the file's.
+        options: how to read files, with the dataset's name of a log where it is not the file's.
     """
 
     parameters: Parameters
     index: MapIndex | None = None
-    name: str | None = None
+    options: SourceOptions = field(default_factory=SourceOptions)
 
 
 def resolve(target: str, context: Context) -> Query:
     """The query that a string names.
 
     Raises:
-        QueryError, LogError: one line saying what there is instead, or what to try.
+        QueryError, SourceError: one line saying what there is instead, or what to try.
         TextError: naming the broken token.
     """
     if target == "-":
         return Query(_parsed(_standard_input(), "standard input"))
     if context.index is not None and target in context.index.ids:
-        document = context.index.document(target)
-        return Query(document.text, document)
+        return Query.of(context.index.document(target))
     run = RUN.fullmatch(target)
-    if run and (_number(run) is not None or Path(run["log"]).is_file()):
+    if run and (_number(run) is not None or is_source(Path(run["log"]))):
         return _run_of_log(run, context)
     if target.lower().endswith(".txt"):
         return Query(_parsed(_contents(Path(target)), repr(target)))
+    if Path(target).suffix.lower() in CLOUDS:
+        source = open_source(target, context.options)
+        (document,) = source.describe(context.parameters, 1, lambda stage, done, of: None).documents
+        return Query.of(document, source.warnings)
     raise QueryError(_unknown(target, context))
 
 
@@ -90,7 +105,7 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if number is None:
         kind = "the number of a scan, as #40" if run["kind"] == "#" else "metres of travel, as @12.5"
         raise QueryError(f"{run[0]!r} does not end in {kind}")
-    log = read_log(Path(run["log"]), context.name)
+    log = open_log(Path(run["log"]), context.options)
     scan = int(number) if run["kind"] == "#" else _scan_after(number, log, context)
     if scan >= len(log.scans):
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")
@@ -98,14 +113,14 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if context.index is not None and document.map_id in context.index.ids:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
-        return Query(document.text, replace(document, travel=stored.travel, pose=stored.pose))
+        return Query.of(replace(document, travel=stored.travel, pose=stored.pose), log.warnings)
     way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    return Query(document.text, document)
+    return Query.of(document, log.warnings)
 
 
 def _number(run: re.Match[str]) -> float | None:
@@ -166,10 +181,8 @@ def _parsed(contents: bytes, where: str) -> Text:
 
 def _unknown(target: str, context: Context) -> str:
     """Why a string names nothing, and what to try."""
-    if Path(target).is_file():
-        return (
-            f"{target!r} is a whole file; name a run of a log, as {target}@12.5 (metres) or {target}#40 (scan)"
-        )
+    if is_source(Path(target)):
+        return f"{target!r} is a whole log; name a run of it, as {target}@12.5 (metres) or {target}#40 (scan)"
     named = MAP_ID.fullmatch(target)
     if named is None:
         return f"{target!r} is neither a map nor a file; name {KINDS}"
@@ -180,6 +193,4 @@ def _unknown(target: str, context: Context) -> str:
     if ids:
         nearest = min(ids, key=lambda map_id: abs(int(map_id.rpartition("/")[2]) - number))
         return f"no map {target!r} in {context.index.path}; the nearest of its {len(ids)} maps is {nearest}"
-    known = [summary.name for summary in context.index.datasets()]
-    shown = ", ".join(known[:5]) + (f" and {len(known) - 5} more" if len(known) > 5 else "")
-    return f"no dataset {dataset!r} in {context.index.path}; it holds {shown or 'none'}"
+    return context.index.lacking(dataset)

@@ -59,7 +59,15 @@ class Shape:
 
 
 def align(query: Text, candidates: Sequence[Text], cell: float) -> list[Alignment]:
-    """The query aligned with each of the candidates; ``cell`` is the pose words' step, metres."""
+    """The query aligned with each of the candidates; ``cell`` is the pose words' step, metres.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> text = m2t.MapIndex.open("indexes/default").document("drive/000040").text
+        >>> alignment = m2t.align(text.moved([0.5, 0.0, 0.0], 0.1), [text], 0.1)[0]
+        >>> alignment.pose.round(2).tolist(), alignment.inlier_ratio
+        ([-0.5, 0.0, 0.0], 1.0)
+    """
     if not candidates or not len(query):
         return [Alignment(np.zeros(3), 0.0, 0.0, 0.0) for _ in candidates]
     starts = agreed(Texts.of(candidates), query, OffsetAgreement())

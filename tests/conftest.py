@@ -1,9 +1,12 @@
 """What all tests share."""
 
+import io
 import os
+import sys
 from pathlib import Path
 
 import pytest
+from calling import Call
 
 RADISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "radish"
 
@@ -37,3 +40,26 @@ def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -
     path = tmp_path_factory.mktemp("indexes") / "drive"
     index_sources(Request([simulated], path))
     return path
+
+
+@pytest.fixture
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to be in, with nothing of the program in the environment."""
+    monkeypatch.chdir(tmp_path)
+    for name in [name for name in os.environ if name.startswith("M2T_")]:
+        monkeypatch.delenv(name)
+    return tmp_path
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
+    """Runs one command line: (exit status, standard output, standard error)."""
+    from m2t_text.cli import run
+
+    def call(*arguments: object, stdin: str = "") -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
+        status = run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return call

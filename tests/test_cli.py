@@ -1,28 +1,40 @@
 """The command line as a user types it, and its JSON as contract and scripts expect it."""
 
-import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import NoneType
 from typing import Any
 
 import pytest
+from calling import PROGRAM, Call
 
-from m2t_text.cli import run
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
 
-PROGRAM = [sys.executable, "-c", "from m2t_text.cli import main; main()"]
-COMMANDS = ("demo", "simulate", "index", "search", "inspect", "info")
-Call = Callable[..., tuple[int, str, str]]
+COMMANDS = (
+    "demo",
+    "simulate",
+    "index",
+    "search",
+    "inspect",
+    "info",
+    "check",
+    "evaluate",
+    "fetch",
+    "merge",
+    "remove",
+    "optimize",
+)
+
+pytestmark = pytest.mark.usefixtures("own_folder")
 
 PAIR, POSE = [float, float], [float, float, float]
 RESULT = {
@@ -69,6 +81,8 @@ INFO = {
     "bytes": int,
     "datasets": list,
 }
+CHECK = {"path": str, "files": list, "datasets": list, "leftovers": list, "repaired": list}
+FILE = {"name": str, "bytes": int, "problem": (str, NoneType)}
 DATASET = {"name": str, "maps": int, "scans": int, "travel": float}
 
 
@@ -79,25 +93,6 @@ def conforms(value: Any, shape: Any) -> bool:
     if isinstance(shape, list):
         return isinstance(value, list) and len(value) == len(shape) and all(map(conforms, value, shape))
     return isinstance(value, shape) and not isinstance(value, bool)
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
-    """Runs one command line: (exit status, standard output, standard error)."""
-
-    def call(*arguments: object, stdin: str = "") -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
-        status = run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        return status, out, err
-
-    return call
-
-
-@pytest.fixture(autouse=True)
-def in_its_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("M2T_INDEX", raising=False)
 
 
 def ids(document: dict[str, Any]) -> list[str]:
@@ -314,6 +309,28 @@ def test_info(call: Call, simulated: Path, simulated_index: Path) -> None:
     assert status == 0 and "drive" in out
 
 
+def test_check(call: Call, simulated_index: Path, tmp_path: Path) -> None:
+    status, out, err = call("check", "--index", simulated_index)
+    assert (status, err) == (0, "") and "sound" in out and "drive" in out
+    copy = tmp_path / "copy"
+    shutil.copytree(simulated_index, copy)
+    (segment,) = copy.glob("*.seg")
+    data = segment.read_bytes()
+    segment.write_bytes(data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 1]) + data[len(data) // 2 + 1 :])
+    status, out, err = call("check", "--index", copy, "--json")
+    found = json.loads(out)
+    assert status == 2 and conforms(found, CHECK) and not found["sound"] and conforms(found["files"][0], FILE)
+    assert err.startswith(f"m2t-text: the index in {copy} is damaged: ") and err.count("\n") == 1
+    (dataset,) = found["datasets"]
+    status, out, err = call("check", "--index", copy, "--repair")
+    assert (status, err) == (0, "") and f"rebuilt {dataset['maps']} of" in out and segment.name in out
+    held = json.loads(call("info", "--index", copy, "--json")[1])["maps"]
+    assert (
+        held == dataset["maps"] >= json.loads(call("info", "--index", simulated_index, "--json")[1])["maps"] - 1
+    )
+    assert json.loads(call("check", "--index", copy, "--json")[1])["sound"]
+
+
 def test_the_environment_names_the_index(
     call: Call, simulated_index: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -343,9 +360,10 @@ def test_the_environment_names_the_index(
         (["search", "drive/000040", "--index", "missing"], "no index in missing"),
         (["inspect", "drive/000040", "--index", "missing"], "no index in missing"),
         (["info", "--index", "missing"], "no index in missing"),
+        (["check", "--index", "missing"], "no index in missing"),
         (["index"], "Missing argument"),
         (["index", "missing.log"], "'missing.log' does not exist; nothing was indexed"),
-        (["index", "."], "is a folder; name the logs in it"),
+        (["index", "."], "is a folder; name the files in it; nothing was indexed"),
         (["index", "LOG", "--profile", "papper"], "no profile 'papper'; there are default, paper"),
         (["index", "LOG", "--profile", "paper"], "profile 'default', asked for 'paper'"),
         (["index", "LOG", "LOG"], "2 sources would be the dataset 'drive'"),

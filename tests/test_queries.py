@@ -16,6 +16,7 @@ from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
 from m2t_text.queries import Context, Query, resolve
+from m2t_text.sources import SourceOptions
 
 DEFAULT = PROFILES["default"]
 
@@ -63,7 +64,7 @@ def test_metres_of_a_log_without_an_index_are_wheel_odometry(simulated: Path) ->
 
 
 def test_a_log_may_have_another_name_in_the_index(simulated: Path, context: Context) -> None:
-    query = resolve(f"{simulated}#40", Context(DEFAULT, context.index, name="other"))
+    query = resolve(f"{simulated}#40", Context(DEFAULT, context.index, options=SourceOptions("other")))
     assert query.document is not None and query.document.dataset == "other"
 
 
@@ -105,7 +106,7 @@ def test_no_standard_input_is_told(
         ("missing.log@3", "missing.log does not exist"),
         ("missing.log#3", "missing.log does not exist"),
         ("missing.txt", "cannot read the text 'missing.txt': No such file"),
-        ("LOG", "is a whole file; name a run of a log, as .*@12.5"),
+        ("LOG", "is a whole log; name a run of it, as .*@12.5"),
         ("LOG@", "does not end in metres"),
         ("LOG@-3", "does not end in metres"),
         ("LOG@nan", "does not end in metres"),

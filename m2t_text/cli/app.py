@@ -5,8 +5,10 @@ from typing import Annotated
 import typer
 
 from m2t_text import __version__
+from m2t_text.cli.checking import check
 from m2t_text.cli.finding import info, inspect, search
 from m2t_text.cli.judging import evaluate
+from m2t_text.cli.keeping import fetch, merge, optimize, remove
 from m2t_text.cli.making import demo, index, simulate
 
 app = typer.Typer(
@@ -15,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, simulate, index, search, inspect, info, evaluate):
+for command in (demo, simulate, index, search, inspect, info, check, evaluate, fetch, merge, remove, optimize):
     app.command()(command)
 
 

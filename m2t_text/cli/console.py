@@ -7,20 +7,17 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from m2t_text.errors import clean
+
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from m2t_text.index.results import IndexInfo
     from m2t_text.indexing import Progress
 
 WIDE = 160  # columns of a table that no terminal shows
 STAGES = {"scans": "matching scans", "maps": "describing maps"}
 REFRESH = 0.1  # s between two states of a progress bar
-
-
-def clean(text: str) -> str:
-    """The text in one line, with control characters spelled out: a name must not command the terminal."""
-    spelled = (c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
-    return "".join(spelled)
 
 
 def complain(message: str, code: int) -> int:
@@ -53,6 +50,12 @@ def print_table(title: str, columns: dict[str, str], rows: list[list[str]]) -> N
     console = _console()
     console.print(Text(clean(title), style="bold"))
     console.print(table)
+
+
+def print_held(info: "IndexInfo") -> None:
+    """What an index holds, in one line on standard output."""
+    size, profile = info.bytes / 1e6, info.parameters.profile
+    print_lines(f"{info.path} holds {info.maps:,} maps in {size:.2f} MB, profile {profile}")
 
 
 def print_lines(*lines: str) -> None:

@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from m2t_text.answers import Answer
+    from m2t_text.index.results import IndexInfo
     from m2t_text.index.store import MapIndex
+    from m2t_text.keeping import Unreadable
+    from m2t_text.queries import Query
 
 DEFAULT_INDEX = Path("indexes/default")
 
@@ -30,7 +33,34 @@ LogNameOption = Annotated[
         "--name", metavar="NAME", help="The dataset that the log is in the index, if not its file's name."
     ),
 ]
-TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
+ScanTopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scan-topic", metavar="TOPIC", help="Laser scans of a ROS bag.", show_default="the only one"
+    ),
+]
+OdometryTopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--odometry-topic",
+        metavar="TOPIC",
+        help="Odometry of a ROS bag; /tf takes it from there.",
+        show_default="the only one, else tf",
+    ),
+]
+HeightOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--height",
+        metavar="FROM TO",
+        help="Cut a cloud to these heights, in metres.",
+        show_default="0.3 to 1.5 above its floor",
+    ),
+]
+TARGETS = (
+    "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text; "
+    "a point cloud."
+)
 
 
 def search(
@@ -45,6 +75,9 @@ def search(
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     name: LogNameOption = None,
+    scan_topic: ScanTopicOption = None,
+    odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -58,14 +91,19 @@ def search(
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
     m2t-text inspect robot/000123 | m2t-text search -  a text
+    m2t-text search room.pcd --height 0.2 1.0          a point cloud
     """
     from m2t_text.answers import SearchOptions
     from m2t_text.answers import search as find
     from m2t_text.index.store import MapIndex
+    from m2t_text.logs import Topics
+    from m2t_text.sources import SourceOptions
 
     _check(plot)
     options = SearchOptions(top, exclude_travel, not no_verify)
-    answer = find(query, MapIndex.open(index), options, name)
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
+    answer = find(query, MapIndex.open(index), options, reading)
+    _warn(answer.query)
     if plot is not None:
         _draw(answer, plot)
     if as_json:
@@ -78,6 +116,9 @@ def inspect(
     target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
     index: IndexOption = DEFAULT_INDEX,
     name: LogNameOption = None,
+    scan_topic: ScanTopicOption = None,
+    odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -93,11 +134,16 @@ def inspect(
     """
     from m2t_text.answers import inspection
     from m2t_text.config import PROFILES
+    from m2t_text.logs import Topics
     from m2t_text.queries import Context, resolve
+    from m2t_text.sources import SourceOptions
 
     _check(plot)
     opened = _if_any(index)
-    found = resolve(target, Context(opened.parameters if opened else PROFILES["default"], opened, name))
+    parameters = opened.parameters if opened else PROFILES["default"]
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
+    found = resolve(target, Context(parameters, opened, reading))
+    _warn(found)
     if plot is not None:
         from m2t_text.plots import plot_document
 
@@ -109,8 +155,8 @@ def inspect(
         print(found.text)
 
 
-def info(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> None:
-    """Say what an index holds.
+def info(context: typer.Context, index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> None:
+    """Say what an index holds; if none is named, also which others lie in indexes/.
 
     [bold]Examples[/bold]
 
@@ -118,17 +164,43 @@ def info(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> Non
     m2t-text info
     m2t-text info --index indexes/office --json
     """
-    from m2t_text.answers import summary
+    from m2t_text.answers import listing, summary
     from m2t_text.index.store import MapIndex
+    from m2t_text.keeping import indexes_in
 
-    held = MapIndex.open(index).info()
+    source = context.get_parameter_source("index")
+    unnamed = source is not None and source.name == "DEFAULT"
+    beside = indexes_in(index.parent) if unnamed else []
     if as_json:
-        print_json(summary(held))
+        document = summary(MapIndex.open(index).info())
+        print_json(document | {"indexes": listing(beside)} if unnamed else document)
         return
+    if index.exists() or not beside:
+        _print_info(MapIndex.open(index).info())
+    if [one.path for one in beside] not in ([], [index]):
+        _print_indexes(index.parent, beside)
+
+
+def _print_info(held: "IndexInfo") -> None:
     rows = [[d.name, f"{d.maps:,}", f"{d.scans:,}", f"{d.travel:,.1f}"] for d in held.datasets]
     title = f"{held.path}: {held.maps:,} maps, {held.keypoints:,} keypoints, {held.bytes / 1e6:.2f} MB"
     columns = {"dataset": "left", "maps": "right", "scans": "right", "travel (m)": "right"}
     print_table(f"{title}, profile {held.parameters.profile}", columns, rows)
+
+
+def _print_indexes(folder: Path, indexes: "list[IndexInfo | Unreadable]") -> None:
+    from m2t_text.index.results import IndexInfo
+
+    rows = []
+    for one in indexes:
+        if isinstance(one, IndexInfo):
+            numbers = [f"{len(one.datasets):,}", f"{one.maps:,}", f"{one.bytes / 1e6:.2f}"]
+            rows.append([str(one.path), one.parameters.profile, *numbers])
+        else:
+            rows.append([str(one.path), "unreadable", "", "", ""])
+            note(f"warning: {one.path}: {one.reason}")
+    columns = {"index": "left", "profile": "left"} | dict.fromkeys(("datasets", "maps", "size (MB)"), "right")
+    print_table(f"{len(indexes)} indexes in {folder}; --index names one", columns, rows)
 
 
 def _print_answer(answer: "Answer") -> None:
@@ -161,6 +233,11 @@ def _draw(answer: "Answer", path: Path) -> None:
     found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
     plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
     note(f"drew {path}")
+
+
+def _warn(query: "Query") -> None:
+    for warning in query.warnings:
+        note(f"warning: {query.title}: {warning}")
 
 
 def _check(plot: Path | None) -> None:

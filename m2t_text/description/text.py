@@ -16,7 +16,7 @@ TOKEN = re.compile(r"x(-?\d{1,5})_y(-?\d{1,5})_a(\d{1,4})", re.ASCII)
 
 @dataclass(frozen=True)
 class Text:
-    """Visual words <w_x, w_y, w_a>, one a keypoint, ordered by (w_a, w_x, w_y).
+    """Visual words ``<w_x, w_y, w_a>``, one a keypoint, ordered by (w_a, w_x, w_y).
 
     Attributes:
         wx, wy: (N,) int16, pose words: floor(coordinate / 0.1 m) in the map's own frame.
@@ -79,6 +79,12 @@ def parse(string: str) -> Text:
 
     Raises:
         TextError: naming the first broken token and its position, counted from 1.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> text = m2t.parse("x12_y-3_a517 x0_y4_a9")
+        >>> str(text), len(text), text.wa.tolist()
+        ('x0_y4_a9 x12_y-3_a517', 2, [9, 517])
     """
     tokens = string.split()
     words = np.empty((len(tokens), 3), dtype=np.int64)

@@ -55,7 +55,7 @@ def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
         hit = best(scores, relevant | irrelevant)
         distance[method] = np.inf if hit is None else float(distances[hit])
     # The very search of the command line, so that what is judged is what users get.
-    found = Query(document.text, document)
+    found = Query.of(document)
     finding = find(index, found, exclude=found.excluding(APART))
     distance["verified"] = np.inf
     error = None

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.config import Parameters, parameters_of
-from m2t_text.errors import LogError, M2TError
+from m2t_text.errors import LogError
 from m2t_text.evaluation.examples import Pair, examples
 from m2t_text.evaluation.judging import Judgement, judge_all
 from m2t_text.evaluation.protocol import APART, NEAR, GroundTruth, draw
 from m2t_text.index.store import MapIndex
 from m2t_text.indexing import Progress
-from m2t_text.logs import Log, dataset_name, read_log
+from m2t_text.logs import Log
 from m2t_text.pipeline import describe_log
+from m2t_text.sources import dataset_names, open_log
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
     """
     tell = progress or (lambda what, stage, done, of: None)
     parameters = parameters_of(request.profile)
-    logs = [_read(source, tell) for source in _distinct(request.sources)]
+    names = dataset_names(request.sources, "evaluated")
+    logs = [_read(path, name, tell) for path, name in zip(request.sources, names, strict=True)]
     with TemporaryDirectory(prefix="m2t-text-") as folder:
         prepared = [
             _prepared(log, Path(folder) / str(n), parameters, request, partial(tell, log.name))
@@ -85,22 +87,11 @@ class _Prepared:
     queries: NDArray[np.int64]
 
 
-def _distinct(sources: Sequence[Path]) -> Sequence[Path]:
-    names = [dataset_name(source) for source in sources]
-    for source, name in zip(sources, names, strict=True):
-        if not source.is_file():
-            wrong = "is a folder; name the logs in it" if source.is_dir() else "does not exist"
-            raise LogError(f"{str(source)!r} {wrong}; nothing was evaluated")
-        if names.count(name) > 1:
-            raise M2TError(f"{names.count(name)} sources are called {name!r}; evaluate them one by one")
-    return sources
-
-
-def _read(source: Path, tell: Progress) -> Log:
-    log = read_log(source, progress=partial(tell, dataset_name(source), "reading"))
+def _read(path: Path, name: str, tell: Progress) -> Log:
+    log = open_log(path, progress=partial(tell, name, "reading"))
     if log.ground_truth is None:
         raise LogError(
-            f"{str(source)!r} has no ground truth to judge by: name a log with corrected poses and raw odometry"
+            f"{str(path)!r} has no ground truth to judge by: name a log with corrected poses and raw odometry"
         )
     return log
 

@@ -202,7 +202,7 @@ def agree(texts: Texts, documents: Any, board: Board, both: Any, matched: Any, f
     drawn = np.zeros((side, side), dtype=np.int32)  # the latest map is stamped with its number
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], wx, wy)
-        words_of(texts, documents[k], wa)
+        words_of(texts, documents[k], size, wa)
         for v in range(views):
             _vote(wx, wy, wa, size, board.slots, board.first[v], board.flat[v], half, window, votes)
             peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side)

@@ -57,7 +57,7 @@ class Collection:
 
         Rounded to a grid on which sums are exact, so that equal scores are equal whatever the order of adding.
         """
-        rarity = np.log((self.maps + 1) / np.maximum(self.frequency, 1))
+        rarity = np.log((self.maps + 1) / np.clip(self.frequency, 1, self.maps + 1))
         return np.ceil(rarity / GRID) * GRID
 
     @cached_property

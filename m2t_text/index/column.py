@@ -9,18 +9,20 @@ from numpy.typing import NDArray
 from whoosh.columns import Column, ColumnReader, ColumnWriter
 
 from m2t_text.description.text import Text
-from m2t_text.errors import MapIndexError
-from m2t_text.index.mapped import view
-from m2t_text.index.texts import Texts, pack
+from m2t_text.errors import DamageError, SourceError
+from m2t_text.index.texts import MOST, RUN, Texts, pack
+from m2t_text.names import checked_name
 
 HEADER = np.dtype([("maps", "<u8"), ("keypoints", "<u8"), ("runs", "<u8"), ("wide", "<u8")])
 COUNTS = np.dtype("<u4")
 EMPTY = Text.of([], [], [])
+LIMIT = 1 << 24  # bytes of the names of a segment's datasets at most
 
 
-def damaged() -> MapIndexError:
-    """What a column tells whose parts do not fit together."""
-    return MapIndexError("the index's files are damaged; index the logs again")
+def view(file: Any, position: int, length: int) -> Any:
+    """Bytes of a column's file: not copied where it is mapped into memory."""
+    buffer = getattr(file, "buffer", None)
+    return file.get(position, length) if buffer is None else buffer[position : position + length]
 
 
 class KeypointColumn(Column):
@@ -58,26 +60,33 @@ class KeypointColumn(Column):
                 self._dbfile.write(b"".join(section))
 
     class Reader(ColumnReader):
-        """Raises MapIndexError if the sections do not fill the column, or the sizes the sections."""
+        """Raises DamageError if the sections do not fill the column, or the sizes the sections."""
 
         def __init__(self, dbfile: Any, basepos: int, length: int, doccount: int) -> None:
             super().__init__(dbfile, basepos, length, doccount)
             if length < HEADER.itemsize:
-                raise damaged()
+                raise DamageError("the keypoints of the maps are damaged")
             head = np.frombuffer(view(dbfile, basepos, HEADER.itemsize), HEADER)[0]
             maps, keypoints, runs, wide = (int(head[name]) for name in HEADER.names or ())
             sizes = (HEADER.itemsize, 3 * maps * COUNTS.itemsize, 2 * runs, keypoints, keypoints, 2 * wide)
             begins = list(accumulate(sizes, initial=basepos))
             if maps != doccount or begins[-1] != basepos + length:
-                raise damaged()
+                raise DamageError("the keypoints of the maps are damaged")
             table, *sections = (view(dbfile, *part) for part in zip(begins[1:-1], sizes[1:], strict=True))
             counts = np.frombuffer(table, COUNTS).reshape(3, maps)
+            if tuple(counts.sum(axis=1, dtype=np.int64)) != (keypoints, runs, wide) or not _possible(counts):
+                raise DamageError("the keypoints of the maps are damaged")
             self.texts = Texts.read(counts, *sections)
-            if (counts.sum(axis=1, dtype=np.int64) != (keypoints, runs, wide)).any():
-                raise damaged()
 
         def __getitem__(self, docnum: int) -> Text:
             return self.texts.text(docnum)
+
+
+def _possible(counts: NDArray[np.uint32]) -> bool:
+    """Whether texts can have these (3, D) numbers of keypoints, runs and wide keypoints."""
+    keypoints, runs, wide = counts.astype(np.int64)
+    filled = (runs <= keypoints) & (keypoints <= RUN * runs) & (keypoints <= MOST)
+    return bool((filled & ((wide == 0) | (wide == keypoints))).all())
 
 
 class ArrayColumn(Column):
@@ -117,7 +126,7 @@ class ArrayColumn(Column):
         def __init__(self, dbfile: Any, basepos: int, length: int, doccount: int, dtype: Any) -> None:
             super().__init__(dbfile, basepos, length, doccount)
             if length != doccount * dtype.itemsize:
-                raise damaged()
+                raise DamageError("the records of the maps are damaged")
             self.array: NDArray[Any] = np.frombuffer(view(dbfile, basepos, length), dtype)
             self._sign = 1
 
@@ -161,14 +170,26 @@ class NameColumn(Column):
             super().__init__(dbfile, basepos, length, doccount)
             end = 4 * doccount
             if length < end:
-                raise damaged()
+                raise DamageError("the names of the datasets are damaged")
             self.codes: NDArray[np.int32] = np.frombuffer(view(dbfile, basepos, end), "<i4")
-            try:
-                self.names: list[str] = json.loads(bytes(view(dbfile, basepos + end, length - end)))
-            except ValueError as error:
-                raise damaged() from error
+            self.names = _names(bytes(view(dbfile, basepos + end, min(length - end, LIMIT))))
             if doccount and not 0 <= self.codes.min() <= self.codes.max() < len(self.names):
-                raise damaged()
+                raise DamageError("the names of the datasets are damaged")
 
         def __getitem__(self, docnum: int) -> bytes:
             return self.names[self.codes[docnum]].encode()
+
+        def code(self, name: str) -> int:
+            """The number of a name, -1 if there is none."""
+            return self.names.index(name) if name in self.names else -1
+
+
+def _names(data: bytes) -> list[str]:
+    """Names as JSON has them, if they can be names of datasets."""
+    try:
+        names = [name if name == "" else checked_name(name) for name in json.loads(data)]
+    except (ValueError, TypeError, AttributeError, RecursionError, SourceError) as error:
+        raise DamageError("the names of the datasets are damaged") from error
+    if len(set(names)) < len(names):
+        raise DamageError("the names of the datasets are damaged")
+    return names

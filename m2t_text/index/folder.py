@@ -1,92 +1,101 @@
 """The folder of an index: making it, opening it, and telling it from anything else."""
 
-import pickle
-import re
-import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
-from whoosh import index as whoosh_index
+from whoosh.index import TOC
 
 from m2t_text.config import Parameters
-from m2t_text.errors import MapIndexError
-from m2t_text.index.schema import FORMAT_VERSION, TextField, schema
-
-OURS = re.compile(r"_?MAIN[_.].*")  # what Whoosh calls its files
-CONTENTS = re.compile(r"_MAIN_([0-9]+)\.toc")
-UNREADABLE = (  # whatever a file that is not an index makes Whoosh and pickle raise
-    whoosh_index.IndexError,
-    OSError,
-    EOFError,
-    pickle.UnpicklingError,
-    struct.error,
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    ImportError,
-    LookupError,
-    MemoryError,
-    TypeError,
-    ValueError,
-)
+from m2t_text.errors import DamageError, MapIndexError
+from m2t_text.index.committing import SafeIndex
+from m2t_text.index.contents import generation, write
+from m2t_text.index.locking import OURS, locked, sweep
+from m2t_text.index.parameters import check_parameters
+from m2t_text.index.schema import schema
+from m2t_text.index.storage import MapStorage, flush
 
 
-def create_whoosh(folder: Path, parameters: Parameters) -> None:
+def create_whoosh(folder: Path, parameters: Parameters, seconds: float) -> None:
     """A new Whoosh index in a folder that is made, is empty, or was left half made.
 
     Raises:
         MapIndexError: if the folder holds an index or anything else, or cannot be written.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if generation(folder) >= 0:
-            raise MapIndexError(f"{folder} already holds an index; open it, or choose another folder")
-        foreign = [name for name in names(folder) if not OURS.fullmatch(name)]
+        check_parameters(parameters)
+    except (ValueError, TypeError) as error:
+        raise MapIndexError(f"no index can be made with these parameters: {error}") from error
+    storage = MapStorage(folder)
+    try:
+        _make(folder)
+        _refuse_index(folder)
+        foreign = [name for name in storage.list() if not OURS.fullmatch(name) or name.endswith(".seg")]
         if foreign:
             raise MapIndexError(f"{folder} holds other files, as {foreign[0]!r}; choose a folder of its own")
-        whoosh_index.create_in(str(folder), schema(parameters))
+        with locked(folder, seconds):
+            _refuse_index(folder)  # of another process, made since
+            sweep(storage)
+            write(storage, TOC(schema(parameters), [], 0))
     except OSError as error:
         raise MapIndexError(f"cannot make an index in {folder}: {error.strerror or error}") from error
 
 
-def open_whoosh(folder: Path) -> tuple[Any, Parameters]:
+def _refuse_index(folder: Path) -> None:
+    if holds_index(folder):
+        raise MapIndexError(f"{folder} already holds an index; open it, or choose another folder")
+
+
+def holds_index(folder: Path) -> bool:
+    """Whether there is an index in a folder."""
+    return generation(MapStorage(folder)) >= 0
+
+
+def open_whoosh(folder: Path) -> tuple[SafeIndex, Parameters]:
     """The Whoosh index in a folder, and the parameters that it was made with.
 
     Raises:
-        MapIndexError: if there is none, or it is of another kind or version.
+        MapIndexError: if there is none, or it is of another kind or version, or damaged.
     """
-    if generation(folder) < 0:
-        raise MapIndexError(f"no index in {folder}; make one with `m2t-text index`")
+    if not holds_index(folder):
+        raise no_index(folder)
+    with reading(folder):
+        whoosh = SafeIndex(MapStorage(folder))
+        return whoosh, whoosh.schema["text"].parameters
+
+
+def no_index(folder: Path) -> MapIndexError:
+    """What to tell who names a folder without an index."""
+    return MapIndexError(f"no index in {folder}; make one with `m2t-text index`")
+
+
+def is_empty(whoosh: SafeIndex) -> bool:
+    """Whether an index holds no map, so that its parameters bind nobody."""
+    return not whoosh._segments()
+
+
+@contextmanager
+def reading(folder: Path) -> Iterator[None]:
+    """Says of what goes wrong in the block that the index cannot be read, and what to do."""
     try:
-        whoosh = whoosh_index.open_dir(str(folder))
-        field = dict(whoosh.schema.items()).get("text")
-        if not isinstance(field, TextField):
-            raise MapIndexError(f"the index in {folder} is not one of maps; choose another folder")
-        if field.version != FORMAT_VERSION:
-            raise MapIndexError(
-                f"the index in {folder} has format {field.version}, this program reads {FORMAT_VERSION}; "
-                "index the logs again into another folder"
-            )
-        return whoosh, field.parameters
-    except UNREADABLE as error:
-        reason = str(error) or type(error).__name__
-        raise MapIndexError(f"the index in {folder} cannot be read ({reason}); index the logs again") from error
-
-
-def sweep(folder: Path) -> None:
-    """Removes tables of contents that killed writers left half written; Whoosh removes all else itself."""
-    for file in folder.glob("_MAIN_*.toc.*"):
-        file.unlink()
+        yield
+    except (DamageError, OSError, MemoryError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or "it does not fit into memory"
+        raise MapIndexError(
+            f"the index in {folder} cannot be read ({reason}); `m2t-text check --index {folder}` says more"
+        ) from error
 
 
 def names(folder: Path) -> list[str]:
     """The names of a folder's files, sorted."""
-    return sorted(file.name for file in folder.iterdir())
+    return MapStorage(folder).list()
 
 
-def generation(folder: Path) -> int:
-    """The number of the latest commit in a folder; -1 if it holds no index."""
+def _make(folder: Path) -> None:
+    """Makes a folder and those above it, on disk when this returns."""
     if not folder.is_dir():
-        return -1
-    matches = (CONTENTS.fullmatch(name) for name in names(folder))
-    return max((int(match[1]) for match in matches if match), default=-1)
+        _make(folder.absolute().parent)
+        with suppress(FileExistsError):  # another process is as quick
+            folder.mkdir()
+        with suppress(PermissionError):  # it may be entered but not read
+            flush(folder.absolute().parent)

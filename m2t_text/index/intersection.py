@@ -148,7 +148,7 @@ def intersect(
     counts, places = tables.counts, tables.places
     for k in range(len(documents)):
         document = documents[k]
-        cells_of(texts, document, x, y)
+        size = U(cells_of(texts, document, x, y))
         count[k], score[k] = 0, 0.0
         place, end = U(run_starts[document]), U(run_starts[document + 1])
         open_sums[:] = _most(runs, place, end, counts, weights)
@@ -156,8 +156,8 @@ def intersect(
         while place < end:
             word, run, place = word_of(runs, place, end)
             found = counts[word]
+            last = min(keypoint + run, size)  # no farther, even if the index is damaged
             if found:
-                last = keypoint + run
                 if found <= BITS:
                     both = _matches(near, places[word], half, x, y, keypoint, last)
                 else:
@@ -173,7 +173,7 @@ def intersect(
                 if not possible:
                     count[k], score[k] = 0, 0.0
                     break
-            keypoint += run
+            keypoint = last
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,21 +1,22 @@
 """The Whoosh schema of map documents; it carries the format version and the parameters of the index."""
 
-import json
-from dataclasses import asdict
 from typing import Any
+from zlib import crc32
 
 import numpy as np
+from whoosh.columns import Column
 from whoosh.fields import ID, FieldType, Schema
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
 
-from m2t_text.config import DescriptionParameters, MappingParameters, MatchingParameters, Parameters
+from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
-from m2t_text.errors import TextError
+from m2t_text.errors import DamageError, TextError
 from m2t_text.index.column import ArrayColumn, KeypointColumn, NameColumn
+from m2t_text.index.parameters import from_json, to_json
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 RECORD: list[Any] = [
     ("first_scan", "<i8"),
     ("last_scan", "<i8"),
@@ -128,20 +129,34 @@ class NumberField(PlainField):
 
 
 def schema(parameters: Parameters) -> Schema:
-    """Fields of a map document: those to search by, and the record that holds the rest."""
+    """Fields of a map document: those to search by, the record that holds the rest, and its checksum."""
     return Schema(
         map_id=ID(unique=True, stored=True),
-        dataset=ID(sortable=NameColumn()),
+        dataset=ID(stored=True, sortable=NameColumn()),
         first_scan=NumberField("<i8"),
         last_scan=NumberField("<i8"),
         travel=NumberField("<f8"),
         text=TextField(parameters),
         record=RecordField(ArrayColumn(RECORD)),
+        checksum=NumberField("<u4"),
     )
 
 
+def schema_columns() -> dict[str, Column]:
+    """The columns of a segment, by the names of their fields."""
+    fields = schema(Parameters()).items()
+    return {name: field.column_type for name, field in fields if field.column_type is not None}
+
+
 def to_fields(document: Document) -> dict[str, Any]:
-    """What Whoosh's `add_document` takes; `from_record` gives the document back exactly."""
+    """What Whoosh's `add_document` takes; `from_record` gives the document back exactly.
+
+    The checksum is of all that the document holds. Merging copies it, so it tells of damage at any time since.
+    """
+    record = tuple(getattr(document, name) for name in np.dtype(RECORD).names or ())
+    words = (document.text.wx, document.text.wy, document.text.wa)
+    numbers = np.array(record, dtype=RECORD).tobytes()
+    parts = (document.map_id.encode(), numbers, *(word.astype("<i2").tobytes() for word in words))
     return {
         "map_id": document.map_id,
         "dataset": document.dataset,
@@ -149,44 +164,20 @@ def to_fields(document: Document) -> dict[str, Any]:
         "last_scan": document.last_scan,
         "travel": document.middle,
         "text": document.text,
-        "record": tuple(getattr(document, name) for name in np.dtype(RECORD).names or ()),
+        "record": record,
+        "checksum": crc32(b"".join(parts)),
     }
 
 
 def from_record(dataset: str, record: Any, text: Text) -> Document:
-    """The document of this row of the column of records."""
-    first, last, travel, pose, viewpoint, centre, points = record.item()
-    return Document(
-        dataset,
-        first,
-        last,
-        np.array(travel),
-        np.array(pose),
-        np.array(viewpoint),
-        np.array(centre),
-        points,
-        text,
-    )
-
-
-def to_json(parameters: Parameters) -> str:
-    """All parameters as JSON, in a fixed order."""
-    return json.dumps(asdict(parameters), sort_keys=True)
-
-
-def from_json(string: str) -> Parameters:
-    """The parameters that `to_json` wrote.
+    """The document of this row of the column of records.
 
     Raises:
-        ValueError, TypeError, KeyError: if it is not what this version writes.
+        DamageError: if its numbers are not finite, or its counts negative.
     """
-    fields = json.loads(string)
-    description, matching = fields["description"], fields["matching"]
-    description["radii"] = tuple(description["radii"])
-    matching["turns"] = tuple(matching["turns"])
-    return Parameters(
-        fields["profile"],
-        MappingParameters(**fields["mapping"]),
-        DescriptionParameters(**description),
-        MatchingParameters(**matching),
-    )
+    first, last, travel, pose, viewpoint, centre, points = record
+    numbers = (travel, pose, viewpoint, centre)
+    if min(first, last, points) < 0 or not np.isfinite(np.concatenate(numbers)).all():
+        raise DamageError("the records of the maps are damaged")
+    arrays = map(np.array, numbers)
+    return Document(dataset, int(first), int(last), *arrays, int(points), text)  # type: ignore[arg-type, call-arg]

@@ -59,8 +59,7 @@ class Leaf:
 
     def of_dataset(self, name: str) -> NDArray[np.bool_]:
         """(D,) which documents belong to a dataset."""
-        names = self.datasets.names
-        return self.datasets.codes == (names.index(name) if name in names else -1)
+        return self.datasets.codes == self.datasets.code(name)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:

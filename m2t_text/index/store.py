@@ -1,36 +1,44 @@
 """An index on disk: opening, committing, reading back and searching."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from whoosh import index as whoosh_index
+from numpy.typing import NDArray
 from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import NullQuery, Query
 
-from m2t_text.config import Parameters
+from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import MapIndexError, QueryError
-from m2t_text.index.folder import create_whoosh, open_whoosh, sweep
-from m2t_text.index.mapped import MapCodec
+from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
+from m2t_text.index.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
-from m2t_text.index.writing import MapWriter, refused
+from m2t_text.index.writing import MapWriter, other_parameters, writing
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.index.weighting import MapWeighting, Method, Scores
+    from m2t_text.sources import Source, Tell
 
-LOCK_SECONDS = 2.0  # to wait for another writer
+LOCK_SECONDS = 60.0  # to wait for another writer
 
 
 class MapIndex:
     """The maps of any number of datasets, described with the same parameters, in one folder.
 
-    Every call sees one committed state, the latest. Use `create` or `open`.
+    Every call sees one committed state, the latest. Use `open`, `create`, or `open_index` for either.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> index.document("drive/000040").last_scan > 40
+        True
+        >>> [(dataset.name, dataset.scans) for dataset in index.datasets()]
+        [('drive', 242)]
     """
 
     def __init__(self, path: Path, whoosh: Any, parameters: Parameters) -> None:
@@ -38,6 +46,7 @@ class MapIndex:
         self.parameters = parameters
         self.whoosh = whoosh
         self._state: State | None = None
+        self._pinned = False
 
     @classmethod
     def create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
@@ -46,7 +55,7 @@ class MapIndex:
         Raises:
             MapIndexError: if the folder holds an index or anything else, or cannot be written.
         """
-        create_whoosh(Path(path), parameters)
+        create_whoosh(Path(path), parameters, LOCK_SECONDS)
         return cls.open(path)
 
     @classmethod
@@ -59,11 +68,17 @@ class MapIndex:
         folder = Path(path)
         whoosh, stored = open_whoosh(folder)
         if parameters is not None and parameters != stored:
-            raise MapIndexError(
-                f"the index in {folder} was made with other parameters (profile {stored.profile!r}, asked for "
-                f"{parameters.profile!r}); choose another folder or profile"
-            )
+            if not is_empty(whoosh):
+                raise other_parameters(folder, stored, parameters)
+            stored = parameters  # they are the index's with its first maps
         return cls(folder, whoosh, stored)
+
+    def pinned(self) -> "MapIndex":
+        """The same index at its latest committed state, which it keeps whatever is committed later."""
+        pinned = MapIndex(self.path, self.whoosh, self.parameters)
+        with self._reading() as state:
+            pinned._state, pinned._pinned = state, True
+        return pinned
 
     @contextmanager
     def writer(self) -> Iterator[MapWriter]:
@@ -72,63 +87,112 @@ class MapIndex:
         Raises:
             MapIndexError: if another process keeps writing, or the disk refuses.
         """
-        try:
-            whoosh = self.whoosh.writer(timeout=LOCK_SECONDS, codec=MapCodec())
-            sweep(self.path)
-        except whoosh_index.LockError as error:
-            raise MapIndexError(f"{self.path} is being written by another process; try again later") from error
-        except OSError as error:
-            raise refused(self.path, error) from error
-        try:
-            writer = MapWriter(whoosh, self.path)
+        with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
             yield writer
-            writer.commit()
-        finally:
-            if not whoosh.is_closed:
-                whoosh.cancel()
+
+    def add(self, source: "Source", jobs: int = 1, progress: "Tell | None" = None) -> None:
+        """Describes every local map of a source and puts them into the index as one dataset, in one commit.
+
+        A dataset of the source's name that the index holds is replaced.
+
+        Args:
+            source: see `open_source`. The ground truth of a log is not used.
+            jobs: processes that describe maps.
+            progress: is told (stage, done, all).
+
+        Raises:
+            SourceError: if there is no map in it.
+            MapIndexError: if another process keeps writing, or the disk refuses.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.open_index("indexes/new")
+            >>> index.add(m2t.open_source("drive.log"))
+            >>> index.add(m2t.LogSource(m2t.simulate(m2t.Simulation(length=24.0, travel=8.0))))
+            >>> [dataset.name for dataset in index.datasets()]
+            ['drive', 'simulated-0']
+        """
+        described = source.describe(self.parameters, jobs, progress or (lambda stage, done, of: None))
+        self.replace(source.name, described.documents, described.drive)
 
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had, in one commit; see `MapWriter.replace`."""
         with self.writer() as writer:
             writer.replace(name, documents, drive)
 
-    def optimize(self) -> None:
-        """Merges all segments into one."""
+    def remove(self, *names: str) -> None:
+        """Removes datasets with all their maps, in one commit.
+
+        Raises:
+            MapIndexError: if the index lacks one of them; nothing is removed then.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> m2t.open_index("indexes/default").remove("drives")
+            Traceback (most recent call last):
+            m2t_text.errors.MapIndexError: no dataset 'drives' in indexes/default; it holds drive
+        """
+        held = [dataset.name for dataset in self.datasets()]
+        for name in names:
+            if name not in held:
+                raise MapIndexError(self.lacking(name))
+        with self.writer() as writer:
+            for name in dict.fromkeys(names):
+                writer.remove(name)
+
+    def optimize(self, progress: Callable[[int, int], None] | None = None) -> None:
+        """Merges all segments into one without deletions; ``progress`` is told maps done, and all."""
+        maps = len(self)
         with self.writer() as writer:
             writer.optimize = True
+            if progress is not None:
+                writer.progress = lambda done: progress(done, maps)
 
     def __len__(self) -> int:
-        return len(self._current())
+        with self._reading() as state:
+            return len(state)
 
     @property
     def ids(self) -> list[str]:
         """The ids of all maps, sorted."""
-        return self._current().ids
+        with self._reading() as state:
+            return state.ids
 
     def document(self, map_id: str) -> Document:
         """The map of this id, exactly as it was indexed. An id that the index lacks is a QueryError."""
-        document = self._current().document(map_id)
+        with self._reading() as state:
+            document = state.document(map_id)
         if document is None:
             raise QueryError(f"no map {map_id!r} in {self.path}")
         return document
 
     def documents(self, dataset: str | None = None) -> Iterator[Document]:
         """The maps of a dataset, or all, ordered by id."""
-        for place in self._current().places():
-            if dataset is None or place.dataset == dataset:
-                yield place.document(text=True)
+        with self._reading() as state:
+            for place in state.places():
+                if dataset is None or place.dataset == dataset:
+                    yield place.document(text=True)
 
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""
-        state = self._current()
-        drives = state.searcher.schema["text"].drives
-        return [DatasetSummary(name, maps, *drives[name]) for name, maps in state.maps().items()]
+        with self._reading() as state:
+            drives = state.searcher.schema["text"].drives
+            maps = state.maps()
+            for name in maps:
+                if name not in drives:
+                    raise DamageError(f"dataset {name!r} is not in its table of contents")
+        return [DatasetSummary(name, count, *drives[name]) for name, count in maps.items()]
+
+    def lacking(self, dataset: str) -> str:
+        """What to tell who names a dataset that the index does not hold."""
+        known = listed([summary.name for summary in self.datasets()])
+        return f"no dataset {dataset!r} in {self.path}; it holds {known or 'none'}"
 
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
-        state = self._current()
-        size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
-        return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
+        with self._reading() as state:
+            size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
+            return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
 
     def search(
         self,
@@ -149,8 +213,39 @@ class MapIndex:
 
         Raises:
             QueryError: if the filter is not in the query language.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.MapIndex.open("indexes/default")
+            >>> text = index.document("drive/000040").text
+            >>> [hit.map_id for hit in index.search(text, top=1)]
+            ['drive/000040']
+            >>> hit = index.search(text, top=1, filter="travel:[20 TO 30]")[0]
+            >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
+            (True, (3,))
         """
-        state, model = self._current(), self.model(method)
+        model = self.model(method)
+        query = self.parse(filter) if isinstance(filter, str) else filter
+        with self._reading() as state:
+            places, scores = state.best(text, model, top, self._allowed(state, exclude, query))
+            documents = [place.document() for place in places]
+        ids = [document.map_id for document in documents]
+        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
+        cell = self.parameters.mapping.cell
+        return [
+            Hit(
+                documents[k],
+                float(scores.score[k]),
+                int(scores.matched[k]),
+                scores.alignment[k] * [cell, cell, 1.0],
+            )
+            for k in ranked[: top or None]
+        ]
+
+    def _allowed(
+        self, state: State, exclude: tuple[str, float, float] | None, filter: Query | None
+    ) -> list[NDArray[np.bool_]]:
+        """Of each segment (D,) which documents a search may find."""
         allowed = [leaf.live for leaf in state.leaves]
         if exclude is not None:
             dataset, travel, metres = exclude
@@ -159,25 +254,14 @@ class MapIndex:
             ]
             allowed = [live & ~out for live, out in zip(allowed, near, strict=True)]
         if filter is not None:
-            matching = state.matching(self.parse(filter) if isinstance(filter, str) else filter)
+            matching = state.matching(filter)
             allowed = [live & match for live, match in zip(allowed, matching, strict=True)]
-        places, scores = state.best(text, model, top, allowed)
-        ids = [place.map_id for place in places]
-        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
-        cell = self.parameters.mapping.cell
-        return [
-            Hit(
-                places[k].document(),
-                float(scores.score[k]),
-                int(scores.matched[k]),
-                scores.alignment[k] * [cell, cell, 1.0],
-            )
-            for k in ranked[: top or None]
-        ]
+        return allowed
 
     def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":
         """The scores of all maps at once, in the order of `ids`."""
-        return self._current().scores(text, self.model(method))
+        with self._reading() as state:
+            return state.scores(text, self.model(method))
 
     def model(self, method: "Method" = "m2t") -> "MapWeighting":
         """The weighting of this index's profile."""
@@ -204,9 +288,45 @@ class MapIndex:
             raise QueryError(f"{string!r} is not a query: {broken[0] if broken else 'it is empty'}")
         return query
 
-    def _current(self) -> State:
-        """The latest committed state. It is opened anew after each commit: Whoosh's refresh mixes states up."""
-        state = self._state
-        if state is None or not state.searcher.up_to_date():
-            state = self._state = State(self.whoosh.searcher())
-        return state
+    @contextmanager
+    def _reading(self) -> Iterator[State]:
+        """The latest committed state; damage that shows in the block is told as `reading` does.
+
+        It is opened anew after each commit: Whoosh's refresh mixes states up.
+        """
+        with reading(self.path):
+            state = self._state
+            if state is None or not (self._pinned or state.searcher.up_to_date()):
+                state = State(self.whoosh.searcher())
+                _ = state.keypoints  # opens all texts: an index with a damaged segment answers nothing
+                self._state = state
+            yield state
+
+
+def open_index(path: str | Path, parameters: Parameters | None = None) -> MapIndex:
+    """The index in a folder; a new, empty one if there is none.
+
+    Args:
+        path: of the folder, which is made with those above it.
+        parameters: of a new index, those of the profile ``default`` if None. An index that is there must have
+            been made with them, if they are given.
+
+    Raises:
+        MapIndexError: if the folder holds something else, or an index of another version or other parameters,
+            or cannot be written.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.open_index("indexes/paper", m2t.PROFILES["paper"])
+        >>> len(index), index.parameters.profile
+        (0, 'paper')
+        >>> m2t.open_index("indexes/paper").parameters.mapping.run_length  # metres
+        3.0
+    """
+    if not holds_index(Path(path)):
+        try:
+            return MapIndex.create(path, parameters or PROFILES["default"])
+        except MapIndexError:
+            if not holds_index(Path(path)):  # else another process was quicker
+                raise
+    return MapIndex.open(path, parameters)

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import Text
+from m2t_text.errors import DamageError
 
 RUN = 64  # keypoints in a run at most: a word of 10 bits leaves 6 for the count
+MOST = 1 << 20  # keypoints of a map at most: sums over them fit into the digits of `planes`
 
 Bytes = NDArray[np.uint8]
 SignedBytes = NDArray[np.int8]
@@ -61,7 +63,7 @@ class Texts(NamedTuple):
         return np.diff(self.starts)
 
     def text(self, document: int) -> Text:
-        """The text of one document."""
+        """The text of one document; a DamageError unless its words ascend, and are as many as its cells."""
         begin, end = self.starts[document : document + 2].tolist()
         x, y = (part[begin:end].astype(np.int16) for part in (self.x, self.y))
         first, last = self.wide_starts[document : document + 2].tolist()
@@ -70,7 +72,10 @@ class Texts(NamedTuple):
             x, y = x + high[:, 0], y + high[:, 1]
         first, last = self.run_starts[document : document + 2].tolist()
         runs = self.runs[2 * first : 2 * last].astype(np.uint16).reshape(-1, 2)
-        return Text(x, y, unpack_words(runs[:, 0] | runs[:, 1] << 8))
+        packed = runs[:, 0] | runs[:, 1] << 8
+        if (packed % RUN + 1).sum() != len(x) or (np.diff((packed // RUN).astype(np.int16)) < 0).any():
+            raise DamageError("the keypoints of the maps are damaged")
+        return Text(x, y, unpack_words(packed))
 
 
 def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:

@@ -50,11 +50,15 @@ def cells_of(texts: Any, document: Any, x: Any, y: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def words_of(texts: Any, document: Any, wa: Any) -> None:
-    """Writes a document's words to the begin of ``wa``."""
-    k, runs = U(0), texts.runs
+def words_of(texts: Any, document: Any, count: Any, wa: Any) -> None:
+    """Writes the words of a document's ``count`` keypoints to the begin of ``wa``, and no more."""
+    k, size, runs = U(0), U(count), texts.runs
     for place in range(U(texts.run_starts[document]), U(texts.run_starts[document + 1])):
         word, length = run_of(runs, place)
-        for _ in range(length):
+        end = min(k + length, size)
+        while k < end:
             wa[k] = word
             k += U(1)
+    while k < size:  # where a damaged index tells of too few
+        wa[k] = 0
+        k += U(1)

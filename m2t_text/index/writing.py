@@ -1,6 +1,9 @@
 """Putting documents into an index: checked before Whoosh sees them, and merged so that segments stay few."""
 
-from collections.abc import Iterable
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,23 +11,79 @@ import numpy as np
 from whoosh.query import Term
 from whoosh.reading import SegmentReader
 
+from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
-from m2t_text.errors import MapIndexError
+from m2t_text.errors import MapIndexError, SourceError
+from m2t_text.index.codec import MapSegment
+from m2t_text.index.committing import SegmentMaker
+from m2t_text.index.folder import open_whoosh, reading
+from m2t_text.index.parameters import to_json
 from m2t_text.index.schema import to_fields
+from m2t_text.index.texts import MOST
+from m2t_text.names import checked_name
 
 DEAD = 0.25  # share of deleted documents from which a segment is written anew
 
+log = logging.getLogger(__name__)
+
+
+@contextmanager
+def writing(folder: Path, parameters: Parameters, seconds: float) -> Iterator["MapWriter"]:
+    """Changes to an index that are committed together when the block ends, or not at all if it raises.
+
+    What a killed writer left is removed first. After a failure nothing is left of what was not committed.
+
+    Args:
+        parameters: of the index; an empty one takes them.
+        seconds: to wait for another writer.
+
+    Raises:
+        MapIndexError: if another process keeps writing, the index has other parameters, or the disk refuses.
+    """
+    whoosh, _ = open_whoosh(folder)
+    with reading(folder), told(folder):
+        maker = whoosh.writer(seconds)
+    try:
+        field = maker.schema["text"]
+        if field.parameters != parameters and maker.segments:
+            raise other_parameters(folder, field.parameters, parameters)
+        field.stored_parameters = to_json(parameters)
+        writer = MapWriter(maker, folder)
+        yield writer
+        writer.commit()
+    finally:
+        if not maker.is_closed:
+            maker.cancel()
+
+
+@contextmanager
+def told(folder: Path) -> Iterator[None]:
+    """A disk that refuses is a MapIndexError."""
+    try:
+        yield
+    except OSError as error:
+        raise MapIndexError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def other_parameters(folder: Path, stored: Parameters, wanted: Parameters) -> MapIndexError:
+    """What to tell who asks for a profile that an index does not have."""
+    return MapIndexError(
+        f"the index in {folder} was made with other parameters (profile {stored.profile!r}, asked for "
+        f"{wanted.profile!r}); choose another folder or profile"
+    )
+
 
 class MapWriter:
-    """Collects changes to an index for one commit; ``MapIndex.writer`` makes one."""
+    """Collects changes to an index for one commit; `writing` makes one."""
 
-    def __init__(self, whoosh: Any, path: Path) -> None:
+    def __init__(self, whoosh: SegmentMaker, path: Path) -> None:
         self._whoosh = whoosh
         self._path = path
         self._replaced: set[str] = set()
         self._drives = whoosh.schema["text"].drives  # written with the table of contents, if it is
         self.optimize = False
+        self.progress: Callable[[int], None] | None = None
 
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
         """These documents instead of all that the dataset had.
@@ -45,14 +104,25 @@ class MapWriter:
             if document.first_scan in seen:
                 raise MapIndexError(f"two maps have the id {document.map_id!r}")
             seen.add(document.first_scan)
-            try:
-                self._whoosh.add_document(**to_fields(document))
-            except OSError as error:
-                raise refused(self._path, error) from error
+            self._add(document)
             if drive is None:
                 scans, metres = max(scans, document.last_scan + 1), max(metres, float(document.travel[1]))
         if seen:
             self._drives[name] = (int(scans), float(metres))
+
+    def _add(self, document: Document) -> None:
+        with told(self._path):
+            self._whoosh.add_document(**to_fields(document))
+
+    def rebuild(self, segment: MapSegment, documents: Iterable[Document]) -> None:
+        """These documents, which are left of a damaged segment, instead of it."""
+        self._whoosh.segments.remove(segment)
+        for document in documents:
+            check(document, document.dataset)
+            self._add(document)
+        left = {name for one in (*self._whoosh.segments, self._whoosh.newsegment) for name in one.maps}
+        for name in set(self._drives) - left:
+            del self._drives[name]
 
     def remove(self, name: str) -> None:
         """Removes all maps of a dataset."""
@@ -60,26 +130,28 @@ class MapWriter:
             raise MapIndexError(f"dataset {name!r} is replaced twice in one commit")
         self._replaced.add(name)
         self._drives.pop(name, None)
-        self._whoosh.delete_by_query(Term("dataset", name))
+        with reading(self._path):
+            self._whoosh.delete_by_query(Term("dataset", name))
 
     def commit(self) -> None:
-        """Makes all changes visible at once. A disk that refuses is a MapIndexError."""
-        try:
-            self._whoosh.commit(mergetype=merge_all if self.optimize else merge_small)
-        except OSError as error:
-            raise refused(self._path, error) from error
+        """Makes all changes visible at once.
 
-
-def refused(path: Path, error: OSError) -> MapIndexError:
-    """What to tell when the disk refuses."""
-    return MapIndexError(f"cannot write to {path}: {error.strerror or error}")
+        ``progress`` is told how many maps are in the new segment when old ones are merged into it.
+        """
+        policy = merge_all if self.optimize else merge_small
+        with told(self._path):
+            self._whoosh.commit(mergetype=partial(policy, progress=self.progress))
 
 
 def check(document: Document, name: str) -> None:
     """Raises MapIndexError unless the document can be stored and found: Whoosh does not survive an error in its
     `add_document`, which leaves terms behind that stick to the next document."""
-    if document.dataset != name or not name or not name.isprintable():
+    if document.dataset != name:
         raise MapIndexError(f"a map of dataset {document.dataset!r} cannot be put into dataset {name!r}")
+    try:
+        checked_name(name)
+    except SourceError as error:
+        raise MapIndexError(str(error)) from error
     scans = (document.first_scan, document.last_scan, document.points)
     if not all(isinstance(number, int | np.integer) and 0 <= number < 2**62 for number in scans):
         raise MapIndexError(f"a map of dataset {name!r} has broken scan numbers or points: {scans}")
@@ -89,6 +161,8 @@ def check(document: Document, name: str) -> None:
             raise MapIndexError(f"map {document.map_id!r} has numbers that are missing or not finite")
     if not isinstance(document.text, Text) or not in_order(document.text):
         raise MapIndexError(f"map {document.map_id!r} has no text of ordered words; make it with Text.of")
+    if len(document.text) > MOST:
+        raise MapIndexError(f"map {document.map_id!r} has {len(document.text):,} keypoints, more than {MOST:,}")
 
 
 def in_order(text: Text) -> bool:
@@ -100,7 +174,7 @@ def in_order(text: Text) -> bool:
     )
 
 
-def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
+def merge_small(writer: Any, segments: list[Any], progress: Callable[[int], None] | None = None) -> list[Any]:
     """A merge policy of Whoosh: takes in every segment no larger than what is new, or with many deletions.
 
     Each segment that stays is larger than all later ones together, so their number grows with the logarithm
@@ -109,28 +183,45 @@ def merge_small(writer: Any, segments: list[Any]) -> list[Any]:
     fresh = writer.doc_count()
     kept = []
     for segment in sorted(segments, key=live):
-        if live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all():
+        wanted = live(segment) <= fresh or segment.deleted_count() > DEAD * segment.doc_count_all()
+        if wanted and _take_in(writer, segment, progress):
             fresh += live(segment)
-            _take_in(writer, segment)
         else:
             kept.append(segment)
     return kept[::-1]
 
 
-def merge_all(writer: Any, segments: list[Any]) -> list[Any]:
+def merge_all(writer: Any, segments: list[Any], progress: Callable[[int], None] | None = None) -> list[Any]:
     """A merge policy of Whoosh: one segment without deletions."""
     if len(segments) == 1 and not segments[0].has_deletions() and not writer.doc_count():
         return segments
-    for segment in segments:
-        _take_in(writer, segment)
-    return []
+    return [segment for segment in segments if not _take_in(writer, segment, progress)]
 
 
-def _take_in(writer: Any, segment: Any) -> None:
-    if live(segment):
-        reader = SegmentReader(writer.storage, writer.schema, segment)
-        writer.add_reader(reader)
-        reader.close()
+def _take_in(writer: Any, segment: Any, progress: Callable[[int], None] | None) -> bool:
+    """Copies the live documents of a segment, unless it is damaged: the copy would look whole."""
+    if not live(segment):
+        return True
+    if not segment.is_sound(writer.storage):
+        log.warning("%s is damaged and was left as it is; `m2t-text check` says what is lost", segment.filename)
+        return False
+    reader = _WatchedReader(writer.storage, writer.schema, segment)
+    reader.watch = (lambda: progress(writer.doc_count())) if progress is not None else None
+    writer.add_reader(reader)
+    reader.close()
+    return True
+
+
+class _WatchedReader(SegmentReader):
+    """A reader that tells of each document that is copied from it."""
+
+    watch: Callable[[], None] | None = None
+
+    def iter_docs(self) -> Iterator[Any]:
+        for document in super().iter_docs():
+            yield document
+            if self.watch is not None:
+                self.watch()
 
 
 def live(segment: Any) -> int:

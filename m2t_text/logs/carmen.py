@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import LogError
+from m2t_text.errors import DamagedError, LogError
+from m2t_text.files import shown
 from m2t_text.logs import checked_name, dataset_name
-from m2t_text.logs.lines import Damage, Progress, read_lines, shown
+from m2t_text.logs.lines import Damage, Progress, read_lines
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import Track, separate
 
@@ -22,10 +23,6 @@ POSE_LIMIT = 1e6  # m and rad; beyond it a number is damage, and arithmetic on i
 TIME_LIMIT = 1e12  # s
 CLIPPED = 20.0  # m; from here on a largest reading that recurs so many times and in such a share
 RECURRING, SATURATED = 100, 1e-3  # of all readings is the sensor's maximum, not a wall
-
-
-class DamagedError(Exception):
-    """A line that cannot be used; its message is the kind of damage."""
 
 
 @dataclass

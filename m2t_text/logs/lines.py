@@ -1,7 +1,7 @@
 """The lines of a plain or gzipped file that may be damaged, one at a time, and an account of the damage."""
 
 import gzip
-import stat
+import os
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from m2t_text.errors import LogError
+from m2t_text.files import opened, shown
 
 LINE_LIMIT = 1 << 20  # bytes; the longest honest line, 361 readings and their remissions, has about 4 kB
 GIVE_UP = 1 << 26  # bytes without an end of line: no log, however long we read on
@@ -19,27 +20,23 @@ Progress = Callable[[int, int], None]
 
 @dataclass
 class Damage:
-    """What was skipped: for each kind, how many times and on which line first."""
+    """What was skipped: for each kind, how many times and on which line (or other unit) first."""
 
+    unit: str = "line"
     kinds: dict[str, tuple[int, int]] = field(default_factory=dict)
 
-    def add(self, kind: str, line: int) -> None:
+    def add(self, kind: str, number: int) -> None:
         """Count one more damage of a kind."""
-        count, first = self.kinds.get(kind, (0, line))
+        count, first = self.kinds.get(kind, (0, number))
         self.kinds[kind] = (count + 1, first)
 
     def report(self) -> tuple[str, ...]:
         """One line for each kind."""
+        unit = self.unit
         return tuple(
-            f"{kind}: line {first}" if count == 1 else f"{kind}: {count} lines, the first is line {first}"
+            f"{kind}: {unit} {first}" if count == 1 else f"{kind}: {count} {unit}s, the first is {unit} {first}"
             for kind, (count, first) in self.kinds.items()
         )
-
-
-def shown(path: Path) -> str:
-    """The path as it can stand in a one-line message."""
-    text = str(path)
-    return text if text.isprintable() else repr(text)
 
 
 def read_lines(
@@ -50,30 +47,17 @@ def read_lines(
     Memory is bounded whatever the file holds. Too long lines and a broken gzip are added to ``damage``.
     Raises LogError if the file cannot be opened or read.
     """
-    try:
-        status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise LogError(f"{shown(path)} is a directory: name a log file in it")
-        if not stat.S_ISREG(status.st_mode):
-            raise LogError(f"{shown(path)} is not a regular file: save the log to a file first")
-        if status.st_size == 0:
-            raise LogError(f"{shown(path)} is empty: fetch or record the log again")
-        with path.open("rb") as raw:
-            zipped = raw.read(2) == b"\x1f\x8b"
-            raw.seek(0)
-            stream = gzip.GzipFile(fileobj=raw) if zipped else raw
-            for number, text, whole in _bounded_lines(path, stream, damage):
-                yield number, text, whole
-                if progress and number % PROGRESS_STEP == 0:
-                    progress(raw.tell(), status.st_size)
-            if progress:
-                progress(status.st_size, status.st_size)
-    except FileNotFoundError as error:
-        raise LogError(f"{shown(path)} does not exist: check the path") from error
-    except PermissionError as error:
-        raise LogError(f"{shown(path)} may not be read: check its permissions") from error
-    except (OSError, ValueError) as error:
-        raise LogError(f"{shown(path)} cannot be read: {error}") from error
+    with opened(path, LogError) as raw:
+        size = os.fstat(raw.fileno()).st_size
+        zipped = raw.read(2) == b"\x1f\x8b"
+        raw.seek(0)
+        stream = gzip.GzipFile(fileobj=raw) if zipped else raw
+        for number, text, whole in _bounded_lines(path, stream, damage):
+            yield number, text, whole
+            if progress and number % PROGRESS_STEP == 0:
+                progress(raw.tell(), size)
+        if progress:
+            progress(size, size)
 
 
 def _bounded_lines(

@@ -17,7 +17,7 @@ class Scan:
         angles: (B,) float64, radians in the laser's frame, x forward, counter-clockwise.
         odometry: (3,) x, y, theta of the robot from raw wheel odometry, metres and radians.
         timestamp: seconds; 0 where the log has none.
-        line: number of the scan's line in its file, from 1.
+        line: number of its line, or of its message, in the file, from 1.
     """
 
     ranges: Floats
@@ -25,6 +25,14 @@ class Scan:
     odometry: Floats
     timestamp: float = 0.0
     line: int = 0
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Which topics of a bag to read; None for the only one of its type."""
+
+    scan: str | None = None
+    odometry: str | None = None
 
 
 @dataclass(frozen=True)

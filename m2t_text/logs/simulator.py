@@ -10,12 +10,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from m2t_text.errors import LogError
-from m2t_text.files import written_whole
+from m2t_text.files import shown, written_whole
 from m2t_text.geometry import between, compose, travel
 from m2t_text.logs.building import SHORTEST, Building, build
 from m2t_text.logs.carmen import half_circle
 from m2t_text.logs.driving import drive, part_of_tour, walks
-from m2t_text.logs.lines import shown
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import chain
 from m2t_text.logs.raycast import cast
@@ -61,6 +60,12 @@ def simulate(parameters: Simulation, progress: Progress | None = None) -> Log:
 
     Raises LogError if the building would be too short, the laser have fewer than 2 beams, or nothing be left
     of the tour.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> log = m2t.simulate(m2t.Simulation(seed=1, length=24.0, travel=8.0))
+        >>> log.scans[0].ranges.shape, log.odometry.shape == (len(log.scans), 3)
+        ((180,), True)
     """
     if parameters.length < SHORTEST or parameters.beams < 2:
         raise LogError(f"a simulation needs a building of at least {SHORTEST} m and at least 2 beams")
@@ -106,7 +111,7 @@ def _odometry(rng: Generator, start: Floats, steps: Floats, moved: Floats, param
     return chain(start, np.column_stack([move, turn]))
 
 
-def write_carmen(log: Log, path: Path) -> None:
+def write_carmen(log: Log, path: str | Path) -> None:
     """Write a log as CARMEN messages, gzipped if the name ends in ``.gz``; the file appears whole or not.
 
     The form is that of corrected logs: both poses of a scan are the laser's true pose, and lines of raw
@@ -114,6 +119,7 @@ def write_carmen(log: Log, path: Path) -> None:
     lie on the robot's x axis and sweep 180 degrees, as the form has no place for more. Raises LogError if the
     file cannot be written.
     """
+    path = Path(path)
     data = "".join(f"{line}\n" for line in _carmen_lines(log)).encode("ascii")
     if path.name.endswith(".gz"):
         data = gzip.compress(data, mtime=0)

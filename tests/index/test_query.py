@@ -3,7 +3,20 @@
 import pytest
 from map_oracle import document, random_documents, text_of
 from whoosh.matching import NullMatcher, ReadTooFar
-from whoosh.query import And, AndMaybe, AndNot, ConstantScoreQuery, Every, Not, NullQuery, Or, Require, Term
+from whoosh.query import (
+    And,
+    AndMaybe,
+    AndNot,
+    ConstantScoreQuery,
+    Every,
+    Not,
+    NullQuery,
+    Or,
+    Prefix,
+    Require,
+    Term,
+    Wildcard,
+)
 from whoosh.scoring import BM25F
 
 from m2t_text.config import MatchingParameters, Parameters
@@ -191,3 +204,16 @@ def test_an_empty_index_and_an_empty_text(tmp_path):
     index.replace("a", [document("a", 0, text_of("")), document("a", 1, text_of("x0_y0_a5"))])
     assert ids(index, MapQuery(text_of(""))) == {}
     assert ids(index, FIVE).keys() == {"a/000001"}
+
+
+def test_terms_are_the_names_of_the_maps(corridor):
+    with corridor.searcher() as searcher:
+        reader = searcher.reader()
+        assert [text.decode() for text in reader.lexicon("dataset")] == ["a", "b", "the log"]
+        assert reader.doc_frequency("dataset", "b") == 3 and reader.doc_frequency("dataset", "c") == 0
+        assert reader.term_info("map_id", "b/000002").doc_frequency() == 1
+        assert [text.decode() for text in reader.expand_prefix("map_id", "b/00000")] == [
+            "b/000001", "b/000002", "b/000007",
+        ]  # fmt: skip
+    assert set(ids(corridor, Prefix("map_id", "the"))) == {"the log/000003"}
+    assert set(ids(corridor, Wildcard("dataset", "?"))) == {"a/000000", "b/000001", "b/000002", "b/000007"}

@@ -1,29 +1,25 @@
 """An index on disk: documents come back, commits are atomic, and what cannot be opened is said."""
 
 import json
-import signal
-import subprocess
-import sys
-import textwrap
+import random
+import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from map_oracle import document, random_documents, text_of
+from states import litter
 from whoosh import index as whoosh_index
 from whoosh.fields import TEXT, Schema
-from whoosh.filedb.filestore import FileStorage
+from whoosh.query import Term
 
 from m2t_text.config import PROFILES, Parameters
 from m2t_text.errors import MapIndexError, QueryError
+from m2t_text.index import contents as table
 from m2t_text.index import folder, store
-from m2t_text.index import schema as schema_module
-from m2t_text.index.schema import from_json, to_json
+from m2t_text.index.parameters import from_json, to_json
+from m2t_text.index.schema import FORMAT_VERSION
 from m2t_text.index.store import MapIndex
-
-# Whoosh leaves the file open when it cannot read a table of contents.
-LEAKS = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
 
 
 @pytest.fixture
@@ -207,14 +203,23 @@ def test_an_error_or_an_interrupt_while_writing_cancels(index):
             raise error
     assert contents(index) == before
     index.replace("b", random_documents(3, "b", 2))  # the lock is free again
-    litter = [name for name in folder.names(index.path) if not name.endswith((".toc", ".seg", "LOCK"))]
-    assert litter == []
+    assert litter(index.path) == []
 
 
-def test_a_second_writer_is_told(index, monkeypatch):
+def test_a_second_writer_is_told(index, monkeypatch, caplog):
     monkeypatch.setattr(store, "LOCK_SECONDS", 0.05)
     with index.writer(), pytest.raises(MapIndexError, match="being written"):
         MapIndex.open(index.path).replace("a", [])
+    assert [record.message for record in caplog.records] == [
+        f"waiting up to 0.05 s for another process that writes to {index.path}"
+    ]
+
+
+def test_segments_differ_where_random_numbers_are_the_same(index):
+    for name in "abc":
+        random.seed(1)
+        index.replace(name, random_documents(ord(name), name, 9 - 3 * "abc".index(name)))
+    assert len({segment.segment_id() for segment in index.whoosh._segments()}) == 3 and len(index) == 18
 
 
 def test_segments_stay_few_and_deletions_are_cleared(index):
@@ -234,7 +239,6 @@ def test_segments_stay_few_and_deletions_are_cleared(index):
     assert contents(index) == before and index.whoosh.latest_generation() == generation + 1
 
 
-@LEAKS
 def test_opening_what_is_not_an_index(tmp_path):
     with pytest.raises(MapIndexError, match=r"no index in .*missing"):
         MapIndex.open(tmp_path / "missing")
@@ -250,21 +254,31 @@ def test_opening_what_is_not_an_index(tmp_path):
     whoosh_index.create_in(str(tmp_path / "foreign"), Schema(text=TEXT()))
     with pytest.raises(MapIndexError, match="not one of maps"):
         MapIndex.open(tmp_path / "foreign")
-    (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "thesis.tex").write_text("")
-    with pytest.raises(MapIndexError, match=r"thesis\.tex"):
-        MapIndex.create(tmp_path / "used", Parameters())
+    for number, name in enumerate(("thesis.tex", "MAIN_thesis.tex", "MAIN_0123456789abcdef.seg")):
+        used = tmp_path / str(number)
+        used.mkdir()
+        (used / name).write_text("")
+        with pytest.raises(MapIndexError, match=re.escape(name)):
+            MapIndex.create(used, Parameters())
 
 
-@LEAKS
 def test_every_cut_of_the_table_of_contents_is_one_clear_error(index):
     index.replace("a", random_documents(0, "a", 2))
-    (toc,) = index.path.glob("*.toc")
+    toc = index.path / "_MAIN_1.toc"
     whole = toc.read_bytes()
     for size in range(0, len(whole), 37):
         toc.write_bytes(whole[:size])
         with pytest.raises(MapIndexError, match="cannot be read"):
             MapIndex.open(index.path)
+
+
+def test_whoosh_itself_opens_an_index(index):
+    one, *others = random_documents(0, "a", 4)
+    index.replace("a", [one, *others])
+    with whoosh_index.open_dir(str(index.path)).searcher() as searcher:
+        assert searcher.doc_count() == 4
+        (hit,) = searcher.search(Term("map_id", one.map_id))
+        assert hit["map_id"] == one.map_id and hit["dataset"] == "a"
 
 
 def test_creating_twice_keeps_the_first(index):
@@ -285,12 +299,24 @@ def test_a_folder_left_by_a_killed_creation(tmp_path):
 
 
 def test_other_versions_and_parameters_are_told(index, monkeypatch):
+    index.replace("a", random_documents(0, "a", 2))
     assert MapIndex.open(index.path, Parameters()).parameters == Parameters()
     with pytest.raises(MapIndexError, match=r"profile 'default'.*'paper'"):
         MapIndex.open(index.path, PROFILES["paper"])
-    monkeypatch.setattr(folder, "FORMAT_VERSION", schema_module.FORMAT_VERSION + 1)
-    with pytest.raises(MapIndexError, match=f"format {schema_module.FORMAT_VERSION}"):
+    monkeypatch.setattr(table, "FORMAT_VERSION", FORMAT_VERSION + 1)
+    with pytest.raises(
+        MapIndexError, match=f"format {FORMAT_VERSION}, this program reads {FORMAT_VERSION + 1}"
+    ):
         MapIndex.open(index.path)
+
+
+def test_an_empty_index_takes_the_parameters_asked_for(index):
+    paper = MapIndex.open(index.path, PROFILES["paper"])
+    assert MapIndex.open(index.path).parameters == Parameters()  # until there are maps
+    paper.replace("a", random_documents(0, "a", 2))
+    assert MapIndex.open(index.path).parameters == PROFILES["paper"]
+    with pytest.raises(MapIndexError, match="profile 'paper', asked for 'default'"):
+        index.replace("b", random_documents(1, "b", 2))
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -301,66 +327,3 @@ def test_parameters_survive(profile, tmp_path):
     index.replace("a", random_documents(0, "a", 2))
     index.replace("b", random_documents(0, "b", 2))
     assert MapIndex.open(tmp_path).parameters == PROFILES[profile]
-
-
-def test_a_full_disk_is_one_clear_error(index, monkeypatch):
-    index.replace("a", random_documents(0, "a", 2))
-
-    def full(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(FileStorage, "rename_file", full)
-    with pytest.raises(MapIndexError, match="No space left"):
-        index.replace("a", [])
-    monkeypatch.undo()
-    assert len(index) == 2
-    index.replace("a", random_documents(0, "a", 3))
-    assert len(index) == 3
-
-
-KILLED = """
-    import os, signal, sys
-    sys.path.insert(0, {tests!r})
-    from map_oracle import random_documents
-    from m2t_text.index.store import MapIndex
-    import whoosh.index, whoosh.writing, whoosh.filedb.filestore
-    def kill(*arguments, **options):
-        os.kill(os.getpid(), signal.SIGKILL)
-    index = MapIndex.open({path!r})
-    def documents():
-        for n, one in enumerate(random_documents(9, "a", 7)):
-            if n == 4 and {point!r} == "documents":
-                kill()
-            yield one
-    if {point!r} == "flush":
-        whoosh.writing.SegmentWriter._flush_segment = kill
-    if {point!r} == "assemble":
-        whoosh.writing.SegmentWriter._assemble_segment = kill
-    if {point!r} == "contents":
-        whoosh.index.TOC.write = kill
-    if {point!r} == "rename":
-        whoosh.filedb.filestore.FileStorage.rename_file = kill
-    if {point!r} == "cleaning":
-        whoosh.index.clean_files = kill
-    index.replace("a", documents())
-"""
-
-
-@pytest.mark.parametrize("point", ["documents", "flush", "assemble", "contents", "rename", "cleaning"])
-def test_killed_while_committing(index, point):
-    old, other = random_documents(1, "a", 5), random_documents(2, "b", 6)
-    index.replace("b", other)
-    index.replace("a", old)
-    code = textwrap.dedent(KILLED).format(tests=str(Path(__file__).parent), path=str(index.path), point=point)
-    run = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True)
-    assert run.returncode == -signal.SIGKILL, run.stderr.decode()
-    # before the rename of the table of contents nothing has happened, after it all has
-    now = random_documents(9, "a", 7) if point == "cleaning" else old
-    wanted = {one.map_id: str(one.text) for one in now + other}
-    again = MapIndex.open(index.path)
-    assert contents(again) == contents(index) == wanted
-    assert again.search(other[5].text)[0].map_id == other[5].map_id
-    again.replace("c", random_documents(3, "c", 2))
-    assert len(again) == len(wanted) + 2
-    litter = [name for name in folder.names(index.path) if not name.endswith((".toc", ".seg", "LOCK"))]
-    assert litter == [] and len(list(index.path.glob("*.seg"))) == len(again.whoosh._segments())

@@ -1,0 +1,67 @@
+# What the package offers under its own name; `__init__.py` loads each from here when it is first used.
+
+from .answers import Answer, SearchOptions, search
+from .config import PROFILES, Parameters
+from .description.document import Document
+from .description.text import Text, parse
+from .errors import FetchError, LogError, M2TError, MapIndexError, QueryError, SourceError, TextError
+from .fetching import LOGS, fetch
+from .finding import Finding, Found, find, verify_hits
+from .index.results import DatasetSummary, Hit, IndexInfo
+from .index.store import MapIndex, open_index
+from .keeping import indexes_in, merge
+from .logs import read_log
+from .logs.log import Log, Scan, Topics
+from .logs.simulator import Simulation, simulate, write_carmen
+from .pipeline import describe_at, describe_log
+from .queries import Query
+from .sources import LogSource, SourceOptions, open_source
+from .verification import Alignment, align, relative_pose
+
+__version__: str
+__all__ = [
+    "LOGS",
+    "PROFILES",
+    "Alignment",
+    "Answer",
+    "DatasetSummary",
+    "Document",
+    "FetchError",
+    "Finding",
+    "Found",
+    "Hit",
+    "IndexInfo",
+    "Log",
+    "LogError",
+    "LogSource",
+    "M2TError",
+    "MapIndex",
+    "MapIndexError",
+    "Parameters",
+    "Query",
+    "QueryError",
+    "Scan",
+    "SearchOptions",
+    "Simulation",
+    "SourceError",
+    "SourceOptions",
+    "Text",
+    "TextError",
+    "Topics",
+    "align",
+    "describe_at",
+    "describe_log",
+    "fetch",
+    "find",
+    "indexes_in",
+    "merge",
+    "open_index",
+    "open_source",
+    "parse",
+    "read_log",
+    "relative_pose",
+    "search",
+    "simulate",
+    "verify_hits",
+    "write_carmen",
+]

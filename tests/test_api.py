@@ -1,0 +1,122 @@
+"""The package as others import it: light, typed, and as its examples say."""
+
+import ast
+import doctest
+import inspect
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import m2t_text
+
+STUB = ast.parse(Path(m2t_text.__file__).with_suffix(".pyi").read_text())
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
+EXAMPLES = [
+    test
+    for name in ["", *m2t_text.__all__]
+    for test in doctest.DocTestFinder(exclude_empty=True).find(
+        getattr(m2t_text, name) if name else m2t_text, name or "m2t_text", module=False
+    )
+    if test.examples
+]
+
+
+@pytest.mark.parametrize("test", EXAMPLES, ids=lambda test: test.name)
+def test_example(
+    test: doctest.DocTest,
+    simulated: Path,
+    simulated_index: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each stands for itself, where a log and an index of it lie: as after `m2t-text index drive.log`."""
+    shutil.copy(simulated, tmp_path / "drive.log")
+    shutil.copytree(simulated_index, tmp_path / "indexes" / "default")
+    monkeypatch.chdir(tmp_path)
+    report: list[str] = []
+    failed, tried = doctest.DocTestRunner().run(test, out=report.append)
+    assert tried and not failed, "".join(report)
+
+
+def test_the_examples_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They need nothing, and make what all others need."""
+    monkeypatch.chdir(tmp_path)
+    failed, tried = doctest.testfile(str(PAGE), module_relative=False)
+    assert tried == 3 and not failed and (tmp_path / "indexes" / "default").is_dir()
+
+
+def test_the_page_describes_all_names() -> None:
+    described = set(re.findall(r"^::: m2t_text\.(\S+)$", PAGE.read_text(), re.MULTILINE))
+    homes = {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(STUB)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    constants, errors = (
+        {"config.PROFILES", "fetching.LOGS"},
+        {home for home in homes if home.startswith("errors.")},
+    )
+    assert homes - constants - errors <= described and "errors" in described
+
+
+def test_the_stub_lists_all_and_each_is_there_with_its_docstring() -> None:
+    """What type checkers read is what runs."""
+    imported = [alias.name for node in STUB.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    exported = next(ast.literal_eval(node.value) for node in STUB.body if isinstance(node, ast.Assign))
+    assert sorted(imported) == sorted(exported) == sorted(m2t_text.__all__)
+    for name in exported:
+        thing = getattr(m2t_text, name)
+        assert not callable(thing) or len(inspect.getdoc(thing) or "") > 20, name
+
+
+def test_what_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="nothing_such"):
+        m2t_text.nothing_such  # noqa: B018
+
+
+WATCHED = """
+import sys
+touched = []
+WRITES = ("os.mkdir", "os.rename", "os.remove", "os.link", "os.symlink", "os.truncate", "os.chmod", "os.utime")
+def watch(event, arguments):
+    if event in WRITES or (event == "open" and (set(str(arguments[1])) & set("wxa+") or arguments[2] & 3)):
+        touched.append((event, arguments))
+sys.addaudithook(watch)
+import m2t_text
+heavy = {"numpy", "scipy", "numba", "whoosh", "matplotlib", "typer", "rich", "pooch", "requests"}
+assert not heavy & set(sys.modules), heavy & set(sys.modules)
+assert not touched, touched
+if len(sys.argv) > 1:
+    open(sys.argv[1], "w").close()
+    assert touched, "the watch sees nothing"
+"""
+
+
+def test_importing_is_light_and_writes_nothing(tmp_path: Path) -> None:
+    line = [sys.executable, "-B", "-c", WATCHED, str(tmp_path / "written")]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_no_second_layer() -> None:
+    """Each function of the API is one that the program itself calls."""
+    nodes = [
+        node
+        for file in Path(m2t_text.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+    ]
+    called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    renamed = {  # a command and what it calls may have one name
+        alias.name
+        for node in nodes
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname in called
+    }
+    functions = {name for name in m2t_text.__all__ if inspect.isfunction(getattr(m2t_text, name))}
+    assert functions <= called | renamed

@@ -7,6 +7,7 @@ import typer
 from m2t_text import __version__
 from m2t_text.cli.finding import info, inspect, search
 from m2t_text.cli.judging import evaluate
+from m2t_text.cli.looping import loops
 from m2t_text.cli.making import demo, index, simulate
 
 app = typer.Typer(
@@ -15,7 +16,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, simulate, index, search, inspect, info, evaluate):
+for command in (demo, simulate, index, search, inspect, info, evaluate, loops):
     app.command()(command)
 
 

@@ -16,11 +16,11 @@ import typer
 from m2t_text.cli.console import bars, complain, print_table
 from m2t_text.errors import LogError, M2TError
 from m2t_text.geometry import between, transform
-from m2t_text.logs import Log, dataset_name, read_log
+from m2t_text.logs import dataset_name, read_log
 from m2t_text.loops.export import to_g2o, write
 from m2t_text.loops.graph import pose_graph
 from m2t_text.loops.uncertainty import Floats
-from m2t_text.loops.walk import Progress, walk
+from m2t_text.loops.walk import Walk, walk
 from m2t_text.workers import cores
 
 HELD = 1e-6  # m and rad; standard deviation of the first pose, which holds the graph in place
@@ -47,12 +47,11 @@ class Assessment:
     optimised: float
 
 
-def assess(log: Log, jobs: int = 1, progress: Progress | None = None) -> Assessment:
-    """Walks, optimises and judges one log. Raises LogError if it has no ground truth."""
-    truth = log.ground_truth
+def assess(walked: Walk) -> Assessment:
+    """Optimises and judges one walk. Raises LogError if its log has no ground truth."""
+    log, truth = walked.log, walked.log.ground_truth
     if truth is None:
         raise LogError(f"{log.name} has no ground truth to judge by: name a log with corrected poses")
-    walked = walk(log, None, jobs, progress)
     graph = pose_graph(walked)
     with TemporaryDirectory(prefix="m2t-text-") as folder:
         path = Path(folder) / "graph.g2o"
@@ -101,7 +100,8 @@ def main(
     try:
         with bars() as progress:
             for source in sources:
-                one = assess(read_log(source), cores(None), partial(progress, dataset_name(source)))
+                tell = partial(progress, dataset_name(source))
+                one = assess(walk(read_log(source), None, cores(None), tell))
                 before = [f"{error:.2f}" for error in (one.odometry, one.matched)]
                 rows.append([one.name, str(one.loops), str(one.wrong), *before, f"{one.optimised:.3f}"])
     except M2TError as error:

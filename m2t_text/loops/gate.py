@@ -18,10 +18,11 @@ from m2t_text.loops.lookup import Candidate
 from m2t_text.loops.uncertainty import Drift, Uncertain
 
 GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand (chi-square, 3)
-LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match
+LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match:
+OWN_RUNS, OTHER_RUNS = 2, 5  # that share no scan must agree then, on the drive's past and on another dataset
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Loop:
     """A pose of the drive as seen from an earlier one, or from one of another dataset.
 
@@ -82,14 +83,13 @@ class Gate:
         return bool(together)
 
     def _agreeing(self, one: Loop) -> list[Loop]:
-        """This one and those that wait and confirm it and each other, if two of their runs share no scan."""
+        """This one and those that wait and confirm it and each other, if they are of enough runs."""
         group = [one]
         for other in reversed(self.waiting):
             if other is not one and other.dataset == one.dataset and self._confirmed(other, group):
                 group.append(other)
-        queries = [loop.candidate.query for loop in group]
-        apart = max(query.first_scan for query in queries) > min(query.last_scan for query in queries)
-        return group[::-1] if apart else []
+        enough = OWN_RUNS if one.dataset == self._drive else OTHER_RUNS
+        return [loop for loop in self.waiting if loop in group] if _runs(group) >= enough else []
 
     def _confirmed(self, loop: Loop, others: Sequence[Loop]) -> bool:
         ways = self._by_way_of(others, loop)
@@ -114,3 +114,12 @@ class Gate:
         there = self._drifts[loop.dataset].relative(loop.place, places)
         back = self._drifts[self._drive].relative(scans, loop.scan)
         return there.then(Uncertain(poses, covariances)).then(back)
+
+
+def _runs(loops: Sequence[Loop]) -> int:
+    """How many of the loops' queries, at most, share no scan with each other."""
+    count, end = 0, -1
+    for query in sorted((loop.candidate.query for loop in loops), key=lambda query: query.last_scan):
+        if query.first_scan > end:
+            count, end = count + 1, query.last_scan
+    return count

@@ -3,13 +3,17 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint clean
+.PHONY: demo test loops lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest
+
+# make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
+loops: $(VENV)/.installed-test
+	$(BIN)/python -m m2t_text.loops.evaluate $(LOGS)
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .

@@ -46,10 +46,10 @@ def loops(
     [bold]Examples[/bold]
 
     \b
-    m2t-text loops robot.log --g2o robot.g2o                    a graph for g2o, GTSAM, Ceres
-    m2t-text loops robot.log --plot robot.png --tum robot.tum   looked at
-    m2t-text loops robot.log --json                             each loop, for scripts
-    m2t-text loops today.log --index indexes/office --g2o both.g2o
+    m2t-text loops robot.log --g2o robot.g2o    for g2o, GTSAM, Ceres
+    m2t-text loops robot.log --plot robot.png   drawn
+    m2t-text loops robot.log --json             each loop, for scripts
+    m2t-text loops new.log --index indexes/office --g2o both.g2o
     """
     from m2t_text.index.store import MapIndex
     from m2t_text.logs import dataset_name, read_log

@@ -17,7 +17,7 @@ import numpy as np
 from m2t_text.loops.lookup import Candidate
 from m2t_text.loops.uncertainty import Drift, Uncertain
 
-GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand (chi-square, 3)
+GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand: 3 degrees of freedom
 LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match:
 OWN_RUNS, OTHER_RUNS = 2, 5  # that share no scan must agree then, on the drive's past and on another dataset
 

@@ -5,7 +5,7 @@ From there the pose words, which are the maps' geometry at 0.1 m, are aligned by
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.geometry import compose, inverse, transform
-from m2t_text.index.postings import Texts
+from m2t_text.index.texts import Texts
 from m2t_text.index.weighting import OffsetAgreement, agreed
 from m2t_text.mapping.normals import cloud_normals
 from m2t_text.mapping.registration import register, within
@@ -60,21 +60,21 @@ def align(query: Text, candidates: Sequence[Text], cell: float) -> list[Alignmen
     """The query aligned with each of the candidates; ``cell`` is the pose words' step, metres."""
     if not candidates or not len(query):
         return [Alignment(np.zeros(3), 0.0, 0.0, 0.0) for _ in candidates]
-    joined = Text(
-        *(np.concatenate([getattr(text, name) for text in candidates]) for name in ("wx", "wy", "wa"))
-    )
-    starts = agreed(Texts(np.array([len(text) for text in candidates]), joined), query, OffsetAgreement())
+    starts = agreed(Texts.of(candidates), query, OffsetAgreement())
     shape = Shape.of(query, cell)
     return [
-        replace(refined(shape, Shape.of(text, cell), start * [cell, cell, 1.0]), agreement=float(agreement))
+        refined(shape, Shape.of(text, cell), start * [cell, cell, 1.0], float(agreement))
         for text, start, agreement in zip(candidates, starts.alignment, starts.score, strict=True)
     ]
 
 
-def refined(query: Shape, found: Shape, start: Floats) -> Alignment:
-    """Point-to-line ICP of two shapes from a ``start`` pose (3,) of the query in the found map's frame."""
+def refined(query: Shape, found: Shape, start: Floats, agreement: float) -> Alignment:
+    """Point-to-line ICP of two shapes from a ``start`` pose (3,) of the query in the found map's frame.
+
+    The ``agreement`` is what they had there.
+    """
     if not len(query.points) or not len(found.points):
-        return Alignment(start, 0.0, 0.0, 0.0)
+        return Alignment(start, 0.0, agreement, 0.0)
     back = inverse(start)
     turn = np.array([0.0, 0.0, back[2]])
     correction, _ = register(
@@ -84,7 +84,7 @@ def refined(query: Shape, found: Shape, start: Floats) -> Alignment:
     here = within(transform(pose, query.points), found.points, INLIER)
     there = within(transform(inverse(pose), found.points), query.points, INLIER)
     inliers = int(here.sum() + there.sum())
-    return Alignment(pose, inliers / (len(here) + len(there)), 0.0, grip(query.normals[here]))
+    return Alignment(pose, inliers / (len(here) + len(there)), agreement, grip(query.normals[here]))
 
 
 def grip(normals: Floats) -> float:

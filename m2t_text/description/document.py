@@ -8,6 +8,11 @@ from numpy.typing import NDArray
 from m2t_text.description.text import Text
 
 
+def map_id_of(dataset: str, first_scan: int) -> str:
+    """``<dataset>/<first scan, six digits>``."""
+    return f"{dataset}/{first_scan:06d}"
+
+
 @dataclass(frozen=True)
 class Document:
     """What the index keeps of one local map. ``first_scan`` is None for a map without scans.
@@ -36,7 +41,7 @@ class Document:
     @property
     def map_id(self) -> str:
         """``<dataset>/<first scan, six digits>``."""
-        return f"{self.dataset}/{self.first_scan:06d}"
+        return map_id_of(self.dataset, self.first_scan)
 
     @property
     def middle(self) -> float:

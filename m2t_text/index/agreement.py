@@ -6,17 +6,49 @@ offset with most votes wins, and the histogram intersection is then taken at tha
 one cell instead of ten, over all keypoints of both maps.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.description.text import WORDS
+from m2t_text.index.texts import Texts
+from m2t_text.index.unpacking import cells_of, words_of
+from m2t_text.index.views import Views
 
 NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
 VOTERS = 48  # keypoints of one word of the query that vote, about
 CANDIDATES = 4  # views whose overlap is measured, those with most votes; the best is then moved by a cell
 WORTH = 0.5  # of the votes of the best view, below which a view is not measured
+
+
+class Board(NamedTuple):
+    """A query made ready for `agree`.
+
+    Attributes:
+        window: largest offset of the viewpoints in x and in y, cells.
+        half: cells from the middle of a grid to its border.
+        x, y: (V, Q) int64 cells of the query in each view.
+        slots: (1024,) int64 number of each of the query's U words, -1 for others.
+        first, flat: (V, U, side + 1) and (V, Q) int32 keypoints that vote, see `_voters`.
+        near: (V, side, side) int32, 1 in the cells near a keypoint.
+    """
+
+    window: int
+    half: int
+    x: NDArray[np.int64]
+    y: NDArray[np.int64]
+    slots: NDArray[np.int64]
+    first: NDArray[np.int32]
+    flat: NDArray[np.int32]
+    near: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, seen: Views, window: int) -> "Board":
+        """Of a query with keypoints."""
+        half = window + 2 * NEAR + 1 + int(max(np.abs(seen.wx).max(), np.abs(seen.wy).max()))
+        return cls(window, half, seen.wx, seen.wy, *_prepare(seen.wx, seen.wy, seen.wa, half))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -54,11 +86,11 @@ def _mark(grid: Any, x: Any, y: Any, half: Any, value: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _covered(xs: Any, ys: Any, begin: Any, end: Any, dx: Any, dy: Any, half: Any, grid: Any, value: Any) -> Any:
-    """How many of the keypoints begin..end, moved by (dx, dy), lie in cells with the value."""
+def _covered(xs: Any, ys: Any, size: Any, dx: Any, dy: Any, half: Any, grid: Any, value: Any) -> Any:
+    """How many of the first keypoints, moved by (dx, dy), lie in cells with the value."""
     count = 0
     side = np.uint32(2 * half)
-    for k in range(begin, end):
+    for k in range(size):
         x, y = np.uint32(xs[k] + dx + half), np.uint32(ys[k] + dy + half)  # below zero is beyond the side, too
         if x < side and y < side and grid[x, y] == value:
             count += 1
@@ -75,14 +107,13 @@ def _within(votes: Any, window: Any, width: Any) -> Any:
 
 @numba.njit(cache=True, nogil=True)
 def _vote(
-    wx: Any, wy: Any, wa: Any, begin: Any, end: Any, slots: Any, first: Any, flat: Any,
-    half: Any, window: Any, votes: Any,
-) -> None:  # fmt: skip
+    wx: Any, wy: Any, wa: Any, count: Any, slots: Any, first: Any, flat: Any, half: Any, window: Any, votes: Any
+) -> None:
     """votes[1 + offset in x, offset in y] of one map's keypoints and one view's; see `_voters` and `agree`."""
     side = 2 * half
     width = 2 * side
     _within(votes, window, width)[:] = 0  # what lies beyond is never read
-    for k in range(begin, end):
+    for k in range(count):
         slot, x, y = slots[wa[k]], wx[k] + half, wy[k] + half
         if slot >= 0 and -window <= x < side + window and 0 <= y < side:
             base = (x + window + 1) * width + y + side
@@ -115,19 +146,8 @@ def _peak(votes: Any, window: Any, width: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def _overlap(
-    query_x: Any, query_y: Any, seen: Any, wx: Any, wy: Any, begin: Any, end: Any, drawn: Any, stamp: Any,
-    half: Any, dx: Any, dy: Any,
-) -> Any:  # fmt: skip
-    """|Q'|, |M'| of a view moved by (dx, dy) and of a map: keypoints with one of the other within NEAR."""
-    here = _covered(query_x, query_y, 0, len(query_x), dx, dy, half, drawn, stamp)
-    there = _covered(wx, wy, begin, end, -dx, -dy, half, seen, 1)
-    return here, there
-
-
-@numba.njit(cache=True, nogil=True)
 def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
-    """Tables of a query's views: slots of its words, keypoints by word and x, flat cells, and near cells."""
+    """The tables of a `Board`."""
     count, size = query_x.shape
     side = 2 * half
     slots = np.full(WORDS, -1, dtype=np.int64)
@@ -138,73 +158,69 @@ def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
             used += 1
     first = np.empty((count, used, side + 1), dtype=np.int32)
     flat = np.empty((count, size), dtype=np.int32)
-    seen = np.zeros((count, side, side), dtype=np.int32)
+    near = np.zeros((count, side, side), dtype=np.int32)
     for v in range(count):
         _voters(query_x[v], query_y[v], query_a, half, slots, used, first[v], flat[v])
         for k in range(size):
-            _mark(seen[v], query_x[v, k], query_y[v, k], half, 1)
-    return slots, first, flat, seen
+            _mark(near[v], query_x[v, k], query_y[v, k], half, 1)
+    return slots, first, flat, near
 
 
 @numba.njit(cache=True, nogil=True)
-def agree(
-    starts: Any, wx: Any, wy: Any, wa: Any, query_x: Any, query_y: Any, query_a: Any,
-    window: Any, begin: Any, end: Any, both: Any, matched: Any, found: Any,
+def _improve(
+    board: Any, v: Any, dx: Any, dy: Any, wx: Any, wy: Any, size: Any, drawn: Any, stamp: Any,
+    k: Any, both: Any, matched: Any, found: Any,
 ) -> None:  # fmt: skip
-    """Measures the agreement of the documents begin..end with every view of a query.
+    """Keeps the view moved by (dx, dy) as the result k, if more keypoints of both maps match than before."""
+    here = _covered(board.x[v], board.y[v], board.x.shape[1], dx, dy, board.half, drawn, stamp)
+    there = _covered(wx, wy, size, -dx, -dy, board.half, board.near[v], 1)
+    if here + there > both[k]:
+        both[k], matched[k] = here + there, min(here, there)
+        found[k, 0], found[k, 1], found[k, 2] = v, dx, dy
+
+
+@numba.njit(cache=True, nogil=True)
+def agree(texts: Texts, documents: Any, board: Board, both: Any, matched: Any, found: Any) -> None:
+    """Measures how far some documents agree with a query. Results are in the order of ``documents``.
 
     Args:
-        starts: (documents + 1,) where each document's keypoints begin.
-        wx, wy, wa: (N,) int16 keypoints of all documents.
-        query_x, query_y: (V, Q) int64 cells of the query in each view, Q > 0; query_a (Q,) int64 its words.
-        window: largest offset of the viewpoints in x and in y, cells.
-        both: (documents,) int32 result: keypoints of both maps that lie near one of the other map, |Q'| + |M'|.
-        matched: (documents,) int32 result: min(|Q'|, |M'|).
-        found: (documents, 3) int32 result: best view, and the offset in x and in y by which its keypoints move.
+        texts: of a segment.
+        documents: (K,) int64 their numbers.
+        both: (K,) int32 result: keypoints of both maps that lie near one of the other map, |Q'| + |M'|.
+        matched: (K,) int32 result: min(|Q'|, |M'|).
+        found: (K, 3) int32 result: best view, and the offset in x and in y by which its keypoints move.
     """
-    half = window + 2 * NEAR + 1 + max(np.abs(query_x).max(), np.abs(query_y).max())
+    views, half, window = len(board.x), board.half, board.window
     side = 2 * half
-    slots, first, flat, seen = _prepare(query_x, query_y, query_a, half)
+    largest = np.int64(0)
+    for document in documents:
+        largest = max(largest, texts.starts[document + 1] - texts.starts[document])
+    wx, wy, wa = np.empty((3, largest), dtype=np.int32)
     votes = np.zeros((2 * window + 3) * 2 * side, dtype=np.int32)
-    peaks = np.zeros((len(query_x), 3), dtype=np.int64)
+    peaks = np.zeros((views, 3), dtype=np.int64)
     drawn = np.zeros((side, side), dtype=np.int32)  # the latest map is stamped with its number
-    for document in range(begin, end):
-        low, high = starts[document], starts[document + 1]
-        for v in range(len(query_x)):
-            _vote(wx, wy, wa, low, high, slots, first[v], flat[v], half, window, votes)
+    for k in range(len(documents)):
+        size = cells_of(texts, documents[k], wx, wy)
+        words_of(texts, documents[k], wa)
+        for v in range(views):
+            _vote(wx, wy, wa, size, board.slots, board.first[v], board.flat[v], half, window, votes)
             peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side)
+        both[k], matched[k] = 0, 0
+        found[k] = 0
         most = peaks[:, 0].max()
         if most == 0:
             continue
-        for k in range(low, high):
-            _mark(drawn, wx[k], wy[k], half, document + 1)
-        best = -1
+        for point in range(size):
+            _mark(drawn, wx[point], wy[point], half, k + 1)
         for v in np.argsort(-peaks[:, 0], kind="mergesort")[:CANDIDATES]:
             if peaks[v, 0] >= WORTH * most:
-                here, there = _overlap(
-                    query_x[v],
-                    query_y[v],
-                    seen[v],
-                    wx,
-                    wy,
-                    low,
-                    high,
-                    drawn,
-                    document + 1,
-                    half,
-                    peaks[v, 1],
-                    peaks[v, 2],
+                _improve(
+                    board, v, peaks[v, 1], peaks[v, 2], wx, wy, size, drawn, k + 1, k, both, matched, found
                 )
-                if best < 0 or here + there > both[document]:
-                    best = v
-                    both[document], matched[document] = here + there, min(here, there)
-                    found[document] = peaks[v]
-                    found[document, 0] = v
+        if not both[k]:  # the best view's cells lie at the border of the grid; its offset stands all the same
+            found[k, 0] = np.argmax(peaks[:, 0])
+            found[k, 1:] = peaks[found[k, 0], 1:]
+        best = found[k, 0]
         for step in range(9):
             dx, dy = peaks[best, 1] + step // 3 - 1, peaks[best, 2] + step % 3 - 1
-            here, there = _overlap(
-                query_x[best], query_y[best], seen[best], wx, wy, low, high, drawn, document + 1, half, dx, dy
-            )
-            if here + there > both[document]:
-                both[document], matched[document] = here + there, min(here, there)
-                found[document, 1], found[document, 2] = dx, dy
+            _improve(board, best, dx, dy, wx, wy, size, drawn, k + 1, k, both, matched, found)

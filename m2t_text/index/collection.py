@@ -1,18 +1,19 @@
-"""What matching needs of a whole index: the postings of each segment, and the statistics over all of them."""
+"""What matching needs of a whole index: the texts of each segment, and the statistics over all of them."""
 
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import WORDS
-from m2t_text.index import kernel
-from m2t_text.index.postings import Texts
+from m2t_text.index import intersection
+from m2t_text.index.state import live_documents
+from m2t_text.index.texts import Texts
 
 GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
 
@@ -47,8 +48,7 @@ class Collection:
         """(1024,) live maps with each word."""
         frequency = np.zeros(WORDS, dtype=np.int64)
         for segment in self.segments.values():
-            postings = segment.texts.postings
-            kernel.document_frequency(postings.starts, postings.doc, segment.live, frequency)
+            intersection.document_frequency(segment.texts, segment.live, frequency)
         return frequency
 
     @cached_property
@@ -65,20 +65,18 @@ class Collection:
         """For each segment (documents,) the weight of each map: the sum of its keypoints' weights."""
         norms = {name: np.zeros(len(segment.live)) for name, segment in self.segments.items()}
         for name, segment in self.segments.items():
-            postings = segment.texts.postings
-            kernel.document_weight(postings.starts, postings.doc, self.weights, norms[name])
+            intersection.document_weight(segment.texts, self.weights, norms[name])
         return norms
 
 
 _lock = threading.RLock()
 _collections: WeakKeyDictionary[Any, Collection] = WeakKeyDictionary()
-_texts: WeakValueDictionary[tuple[str, str], Texts] = WeakValueDictionary()
 
 
 def collection(searcher: Any, fieldname: str) -> Collection:
     """The collection that a searcher, or the parent of a segment's searcher, sees.
 
-    It lives as long as the reader does, and readers of the same index share the postings of common segments.
+    It lives as long as the reader does.
     """
     reader = searcher.get_parent().reader()
     with _lock:
@@ -103,10 +101,4 @@ def _collect(reader: Any, fieldname: str) -> Collection:
 
 
 def _segment(leaf: Any, fieldname: str) -> Segment:
-    key = (segment_name(leaf), fieldname)
-    texts = _texts.get(key)
-    if texts is None:
-        texts = _texts[key] = leaf.column_reader(fieldname, translate=False).all()
-    live = np.ones(leaf.doc_count_all(), dtype=np.bool_)
-    live[list(leaf.segment().deleted_docs())] = False
-    return Segment(texts, live)
+    return Segment(leaf.column_reader(fieldname, translate=False).texts, live_documents(leaf))

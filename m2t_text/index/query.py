@@ -13,7 +13,26 @@ from m2t_text.description.text import Text
 from m2t_text.index.weighting import HistogramIntersection, MapScorer, MapWeighting, OffsetAgreement
 
 
-class MapQuery(Query):
+class SegmentQuery(Query):
+    """A query that is equal to another by its attributes, and of which nothing is known before it is run."""
+
+    def _key(self) -> tuple[Any, ...]:
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SegmentQuery) and type(self) is type(other) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def estimate_size(self, ixreader: Any) -> int:
+        return int(ixreader.doc_count_all())
+
+    def estimate_min_size(self, ixreader: Any) -> int:
+        return 0
+
+
+class MapQuery(SegmentQuery):
     """Finds the maps that share keypoints with a text: same word, and position within the window.
 
     The searcher's weighting decides window, turns and score if it is a `MapWeighting`, else the parameters of
@@ -35,12 +54,6 @@ class MapQuery(Query):
     def _key(self) -> tuple[Any, ...]:
         return str(self.text), self.fieldname, self.turns, self.boost
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, MapQuery) and self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
-
     def __repr__(self) -> str:
         return f"MapQuery({str(self)!r}, turns={self.turns}, boost={self.boost})"
 
@@ -49,12 +62,6 @@ class MapQuery(Query):
         return f"{self.fieldname}:{shown}"
 
     __unicode__ = __str__
-
-    def estimate_size(self, ixreader: Any) -> int:
-        return int(ixreader.doc_count_all())
-
-    def estimate_min_size(self, ixreader: Any) -> int:
-        return 0
 
     def matcher(self, searcher: Any, context: Any = None) -> Matcher:
         """The matches in one segment; numbers are the segment's own, deleted maps are left out."""
@@ -80,7 +87,7 @@ class MapQuery(Query):
         return HistogramIntersection(window, self.turns, weighted=False)
 
 
-class NumberRange(Query):
+class NumberRange(SegmentQuery):
     """Finds the documents whose number in a column lies in a range; None is an open end."""
 
     def __init__(
@@ -100,12 +107,6 @@ class NumberRange(Query):
     def _key(self) -> tuple[Any, ...]:
         return self.fieldname, self.start, self.end, self.startexcl, self.endexcl, self.boost
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, NumberRange) and self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
-
     def __repr__(self) -> str:
         return f"NumberRange{self._key()!r}"
 
@@ -119,18 +120,12 @@ class NumberRange(Query):
     def is_range(self) -> bool:
         return True
 
-    def estimate_size(self, ixreader: Any) -> int:
-        return int(ixreader.doc_count_all())
-
-    def estimate_min_size(self, ixreader: Any) -> int:
-        return 0
-
     def matcher(self, searcher: Any, context: Any = None) -> Matcher:
         """The matches in one segment. Each scores the boost; where maps are ranked by their texts, nothing."""
         reader = searcher.reader()
         if not reader.doc_count_all():
             return NullMatcher()
-        values = np.array(list(reader.column_reader(self.fieldname, translate=False)))
+        values = reader.column_reader(self.fieldname, translate=False).array
         inside = np.ones(len(values), dtype=np.bool_)
         if self.start is not None:
             inside &= values > self.start if self.startexcl else values >= self.start

@@ -1,12 +1,10 @@
 """The Whoosh schema of map documents; it carries the format version and the parameters of the index."""
 
 import json
-import struct
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from whoosh.columns import NumericColumn
 from whoosh.fields import ID, FieldType, Schema
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
@@ -15,10 +13,18 @@ from m2t_text.config import DescriptionParameters, MappingParameters, MatchingPa
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import TextError
-from m2t_text.index.column import KeypointColumn
+from m2t_text.index.column import ArrayColumn, KeypointColumn, NameColumn
 
-FORMAT_VERSION = 1
-RECORD = struct.Struct("<2q2d3d3d2dq")
+FORMAT_VERSION = 2
+RECORD: list[Any] = [
+    ("first_scan", "<i8"),
+    ("last_scan", "<i8"),
+    ("travel", "<f8", (2,)),
+    ("pose", "<f8", (3,)),
+    ("viewpoint", "<f8", (3,)),
+    ("centre_of_gravity", "<f8", (2,)),
+    ("points", "<i8"),
+]
 
 
 class PlainField(FieldType):
@@ -84,15 +90,21 @@ class TextField(PlainField):
             raise QueryParserError(str(error)) from error
 
 
+class RecordField(PlainField):
+    """All that is known of a map beside its text, in one column."""
+
+    def to_column_value(self, value: Any) -> Any:
+        return value
+
+
 class NumberField(PlainField):
     """Numbers in a column: `travel:12.5`, `travel:[10 to 20]`, and sorting."""
 
-    def __init__(self, typecode: str) -> None:
-        super().__init__(NumericColumn(typecode))
-        self.number = float if typecode == "d" else int
+    def __init__(self, dtype: str) -> None:
+        super().__init__(ArrayColumn(dtype))
 
     def to_column_value(self, value: float) -> float:
-        return self.number(value)
+        return value
 
     def parse_query(self, fieldname: str, qstring: str, boost: float = 1.0) -> Query:
         return self.parse_range(fieldname, qstring, qstring, False, False, boost)
@@ -118,20 +130,18 @@ class NumberField(PlainField):
 def schema(parameters: Parameters) -> Schema:
     """Fields of a map document: those to search by, and the record that holds the rest."""
     return Schema(
-        map_id=ID(unique=True, stored=True, sortable=True),
-        dataset=ID(stored=True),
-        first_scan=NumberField("q"),
-        last_scan=NumberField("q"),
-        travel=NumberField("d"),
+        map_id=ID(unique=True, stored=True),
+        dataset=ID(sortable=NameColumn()),
+        first_scan=NumberField("<i8"),
+        last_scan=NumberField("<i8"),
+        travel=NumberField("<f8"),
         text=TextField(parameters),
-        record=PlainField(stored=True),
+        record=RecordField(ArrayColumn(RECORD)),
     )
 
 
 def to_fields(document: Document) -> dict[str, Any]:
-    """What Whoosh's `add_document` takes; `from_fields` gives the document back exactly."""
-    numbers = (document.travel, document.pose, document.viewpoint, document.centre_of_gravity)
-    record = RECORD.pack(document.first_scan, document.last_scan, *np.concatenate(numbers), document.points)
+    """What Whoosh's `add_document` takes; `from_record` gives the document back exactly."""
     return {
         "map_id": document.map_id,
         "dataset": document.dataset,
@@ -139,15 +149,24 @@ def to_fields(document: Document) -> dict[str, Any]:
         "last_scan": document.last_scan,
         "travel": document.middle,
         "text": document.text,
-        "record": record,
+        "record": tuple(getattr(document, name) for name in np.dtype(RECORD).names or ()),
     }
 
 
-def from_fields(stored: dict[str, Any], text: Text) -> Document:
-    """The document of these stored fields and text."""
-    first, last, *numbers, points = RECORD.unpack(stored["record"])
-    travel, pose, viewpoint, centre = np.split(np.array(numbers), [2, 5, 8])
-    return Document(stored["dataset"], first, last, travel, pose, viewpoint, centre, points, text)
+def from_record(dataset: str, record: Any, text: Text) -> Document:
+    """The document of this row of the column of records."""
+    first, last, travel, pose, viewpoint, centre, points = record.item()
+    return Document(
+        dataset,
+        first,
+        last,
+        np.array(travel),
+        np.array(pose),
+        np.array(viewpoint),
+        np.array(centre),
+        points,
+        text,
+    )
 
 
 def to_json(parameters: Parameters) -> str:

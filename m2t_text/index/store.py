@@ -16,6 +16,7 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import MapIndexError, QueryError
 from m2t_text.index.folder import create_whoosh, open_whoosh, sweep
+from m2t_text.index.mapped import MapCodec
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.state import State
 from m2t_text.index.writing import MapWriter, refused
@@ -72,7 +73,7 @@ class MapIndex:
             MapIndexError: if another process keeps writing, or the disk refuses.
         """
         try:
-            whoosh = self.whoosh.writer(timeout=LOCK_SECONDS)
+            whoosh = self.whoosh.writer(timeout=LOCK_SECONDS, codec=MapCodec())
             sweep(self.path)
         except whoosh_index.LockError as error:
             raise MapIndexError(f"{self.path} is being written by another process; try again later") from error
@@ -97,7 +98,7 @@ class MapIndex:
             writer.optimize = True
 
     def __len__(self) -> int:
-        return len(self.ids)
+        return len(self._current())
 
     @property
     def ids(self) -> list[str]:
@@ -113,24 +114,21 @@ class MapIndex:
 
     def documents(self, dataset: str | None = None) -> Iterator[Document]:
         """The maps of a dataset, or all, ordered by id."""
-        state = self._current()
-        for place in range(len(state.ids)):
-            if dataset is None or state.datasets[place] == dataset:
-                yield state.read(place, text=True)
+        for place in self._current().places():
+            if dataset is None or place.dataset == dataset:
+                yield place.document(text=True)
 
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""
         state = self._current()
         drives = state.searcher.schema["text"].drives
-        names, maps = np.unique(state.datasets, return_counts=True)
-        return [DatasetSummary(name, int(n), *drives[name]) for name, n in zip(names, maps, strict=True)]
+        return [DatasetSummary(name, maps, *drives[name]) for name, maps in state.maps().items()]
 
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
         state = self._current()
         size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
-        keypoints = int(state.keypoints.sum())
-        return IndexInfo(self.path, self.parameters, len(state.ids), keypoints, size, self.datasets())
+        return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
 
     def search(
         self,
@@ -152,25 +150,29 @@ class MapIndex:
         Raises:
             QueryError: if the filter is not in the query language.
         """
-        state = self._current()
-        scores = state.scores(text, self.model(method))
-        allowed = np.ones(len(state.ids), dtype=np.bool_) if top == 0 else scores.score > 0
+        state, model = self._current(), self.model(method)
+        allowed = [leaf.live for leaf in state.leaves]
         if exclude is not None:
             dataset, travel, metres = exclude
-            allowed &= (state.datasets != dataset) | (np.abs(state.column("travel") - travel) > metres)
+            near = [
+                leaf.of_dataset(dataset) & (np.abs(leaf.middles - travel) <= metres) for leaf in state.leaves
+            ]
+            allowed = [live & ~out for live, out in zip(allowed, near, strict=True)]
         if filter is not None:
-            allowed &= state.matching(self.parse(filter) if isinstance(filter, str) else filter)
+            matching = state.matching(self.parse(filter) if isinstance(filter, str) else filter)
+            allowed = [live & match for live, match in zip(allowed, matching, strict=True)]
+        places, scores = state.best(text, model, top, allowed)
+        ids = [place.map_id for place in places]
+        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
         cell = self.parameters.mapping.cell
-        places = np.flatnonzero(allowed)
-        ranked = places[np.argsort(-scores.score[places], kind="stable")]  # places are in the order of ids
         return [
             Hit(
-                state.read(place),
-                float(scores.score[place]),
-                int(scores.matched[place]),
-                scores.alignment[place] * [cell, cell, 1.0],
+                places[k].document(),
+                float(scores.score[k]),
+                int(scores.matched[k]),
+                scores.alignment[k] * [cell, cell, 1.0],
             )
-            for place in ranked[: top or None].tolist()
+            for k in ranked[: top or None]
         ]
 
     def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":

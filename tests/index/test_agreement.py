@@ -8,7 +8,7 @@ from map_oracle import random_text, text_of
 
 from m2t_text.description.text import Text
 from m2t_text.index import agreement
-from m2t_text.index.postings import Texts
+from m2t_text.index.texts import Texts
 from m2t_text.index.views import views
 from m2t_text.index.weighting import OffsetAgreement, agreed
 
@@ -16,8 +16,7 @@ ONE_VIEW = OffsetAgreement(10, (0,), 1)
 
 
 def texts_of(*texts: Text) -> Texts:
-    joined = Text(*(np.concatenate([getattr(text, name) for text in texts]) for name in ("wx", "wy", "wa")))
-    return Texts(np.array([len(text) for text in texts]), joined)
+    return Texts.of(texts)
 
 
 def slow(query: Text, found: Text, window: int) -> tuple[int, int, tuple[int, int]]:
@@ -90,21 +89,18 @@ def test_a_turned_and_moved_map_is_the_same_map(turn):
     assert scores.alignment[0] == pytest.approx([4.0, -7.0, turn * np.pi / 2])
 
 
-def test_parts_of_the_documents_give_the_same_as_all():
+def test_any_choice_of_documents_gives_what_all_give():
     rng = np.random.default_rng(2)
     stored = texts_of(*(random_text(rng, 40, span=30, words=6) for _ in range(300)))
     query = random_text(rng, 50, span=30, words=6)
     whole = agreed(stored, query, OffsetAgreement())
-    seen = views(query, (0, 1, 2, 3), 3)
-    both, matched = np.zeros(300, dtype=np.int32), np.zeros(300, dtype=np.int32)
-    found = np.zeros((300, 3), dtype=np.int32)
-    for begin, end in [(120, 300), (0, 1), (1, 120)]:
-        agreement.agree(
-            stored.starts, stored.text.wx, stored.text.wy, stored.text.wa,
-            seen.wx, seen.wy, seen.wa, 10, begin, end, both, matched, found,
-        )  # fmt: skip
-    assert np.array_equal(matched, whole.matched)
-    assert np.array_equal(both / (len(query) + stored.counts), whole.score)
+    board = agreement.Board.of(views(query, (0, 1, 2, 3), 3), 10)
+    for chosen in (np.arange(120, 300), np.array([7]), rng.permutation(300)):
+        both, matched = np.zeros(len(chosen), dtype=np.int32), np.zeros(len(chosen), dtype=np.int32)
+        found = np.zeros((len(chosen), 3), dtype=np.int32)
+        agreement.agree(stored, chosen, board, both, matched, found)
+        assert np.array_equal(matched, whole.matched[chosen])
+        assert np.array_equal(both / (len(query) + stored.counts[chosen]), whole.score[chosen])
 
 
 def test_no_keypoints_no_match():

@@ -9,7 +9,8 @@ from whoosh.filedb.filestore import RamStorage
 
 from m2t_text.description.text import Text
 from m2t_text.errors import MapIndexError
-from m2t_text.index.column import KeypointColumn, pack_words, unpack_words
+from m2t_text.index.column import KeypointColumn
+from m2t_text.index.texts import Texts, pack_words, unpack_words
 
 narrow = st.integers(-130, 130)
 any_cell = st.integers(-32767, 32767) | st.sampled_from([-32767, -129, -128, -1, 0, 127, 128, 32767])
@@ -41,11 +42,9 @@ def same(one: Text, other: Text) -> bool:
 def test_texts_come_back_exactly(rows):
     reader, _ = column_of(dict(enumerate(rows)), len(rows))
     assert all(same(text, row) for text, row in zip(reader, rows, strict=True))
-    together = reader.all()
-    for row, begin, end in zip(rows, together.starts, together.starts[1:], strict=False):
-        text = together.text
-        assert same(Text(text.wx[begin:end], text.wy[begin:end], text.wa[begin:end]), row)
-    assert reader.counts().tolist() == [len(row) for row in rows]
+    packed = Texts.of(rows)
+    assert all(np.array_equal(one, other) for one, other in zip(reader.texts, packed, strict=True))
+    assert reader.texts.counts.tolist() == [len(row) for row in rows]
 
 
 @given(texts)

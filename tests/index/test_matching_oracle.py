@@ -8,6 +8,7 @@ import pytest
 from map_oracle import Oracle, document, random_documents, random_text
 
 from m2t_text.config import MatchingParameters, Parameters
+from m2t_text.index.mapped import MapCodec
 from m2t_text.index.query import MapQuery
 from m2t_text.index.schema import to_fields
 from m2t_text.index.store import MapIndex
@@ -113,11 +114,11 @@ def test_the_layout_does_not_change_a_bit_of_the_scores(tmp_path, score):
     many = MapIndex.create(tmp_path / "many", parameters)
     many.replace("gone", random_documents(7, "gone", 4))
     for n in range(0, 40, 10):
-        whoosh = many.whoosh.writer()
+        whoosh = many.whoosh.writer(codec=MapCodec())
         for each in documents[n : n + 10]:
             whoosh.add_document(**to_fields(each))
         whoosh.commit(merge=False)
-    whoosh = many.whoosh.writer()
+    whoosh = many.whoosh.writer(codec=MapCodec())
     whoosh.delete_by_term("dataset", "gone")
     whoosh.commit(merge=False)
     assert len(segments_of(many)) == 5

@@ -6,25 +6,36 @@ from map_oracle import random_documents, random_text, text_of
 
 from m2t_text.config import MatchingParameters, Parameters
 from m2t_text.description.text import Text
-from m2t_text.index import kernel
-from m2t_text.index.postings import Postings
+from m2t_text.index import intersection
+from m2t_text.index.texts import Texts
 from m2t_text.index.views import views
-from m2t_text.index.weighting import HistogramIntersection, MapWeighting, OffsetAgreement, intersect
+from m2t_text.index.weighting import HistogramIntersection, MapWeighting, OffsetAgreement
 
 ONES = np.ones(1024)
+ALL_TURNS = np.ones(4, dtype=np.bool_)
 
 
-def postings_of(*texts: Text) -> Postings:
-    doc = np.repeat(np.arange(len(texts), dtype=np.int32), [len(text) for text in texts])
-    rows = np.concatenate([np.stack([text.wx, text.wy, text.wa]) for text in texts], axis=1)
-    return Postings.of(len(texts), doc, Text(*rows))
+def counted(query: Text, *maps: Text, window: int | None = 10) -> np.ndarray:
+    """(maps, 4) numbers of matches under each turn; one column of bags of words."""
+    texts, documents = Texts.of(maps), np.arange(len(maps))
+    counts = np.bincount(query.wa, minlength=1024)
+    if window is None:
+        count, score = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps))
+        intersection.bags(texts, documents, counts, ONES, count, score)
+        assert np.array_equal(count, score)
+        return count[:, None]
+    count, score = np.zeros((len(maps), 4), dtype=np.int32), np.zeros((len(maps), 4))
+    tables = intersection.Tables.of(query, window)
+    intersection.intersect(texts, documents, tables, ONES, ALL_TURNS, np.zeros(len(maps)), count, score)
+    assert np.array_equal(count, score)
+    most = np.zeros(len(maps))
+    intersection.bounds(texts, documents, counts, ONES, most)
+    assert (count <= most[:, None]).all()
+    return count
 
 
 def matched(query: str, *maps: str, window: int | None = 10, turns: tuple[int, ...] = (0,)) -> list[list[int]]:
-    model = HistogramIntersection(window, turns, weighted=False)
-    count, score = intersect(postings_of(*map(text_of, maps)), text_of(query), model, ONES)
-    assert np.array_equal(count, score)
-    return count[:, : len(turns)].tolist()
+    return counted(text_of(query), *map(text_of, maps), window=window)[:, list(turns)].tolist()
 
 
 def test_a_filtered_intersection_by_hand():
@@ -60,7 +71,7 @@ def test_keypoints_that_repeat_are_counted():
 @pytest.mark.parametrize("quarters", range(4))
 def test_a_turned_map_is_found_at_its_turn(quarters):
     text = random_text(np.random.default_rng(quarters), 80, span=60)
-    count, _ = intersect(postings_of(text.turned(quarters)), text, HistogramIntersection(), ONES)
+    count = counted(text, text.turned(quarters))
     assert count[0].argmax() == quarters and count[0, quarters] == 80
 
 
@@ -73,37 +84,38 @@ def test_turned_coordinates_are_those_of_the_text():
         assert str(other) == str(same)
 
 
-def test_ranges_of_documents_add_up_to_the_whole():
-    texts = [one.text for one in random_documents(0, "a", 30)]
-    postings, query = postings_of(*texts), texts[9]
-    whole, _ = intersect(postings, query, HistogramIntersection(), ONES)
-    words, firsts = np.unique(query.wa, return_index=True)
-    seen = views(query, (0, 1, 2, 3))
-    x, y = seen.wx, seen.wy
-    count, score = np.zeros((30, 4), dtype=np.int32), np.zeros((30, 4))
-    for begin, end in ((20, 30), (0, 7), (7, 7), (7, 20)):
-        kernel.filtered(
-            postings.starts, postings.doc, postings.wx, postings.wy, words.astype(np.int64),
-            np.append(firsts, len(query)), x, y, 10, ONES, begin, end, count, score,
-        )  # fmt: skip
-    assert np.array_equal(count, whole)
-
-
-def test_postings_are_sorted_by_word_and_document():
-    texts = [one.text for one in random_documents(1, "a", 20)]
-    postings = postings_of(*texts)
-    words = np.repeat(np.arange(1024), np.diff(postings.starts))
-    assert np.array_equal(np.lexsort((postings.doc, words)), np.arange(len(words)))
-    assert postings.starts[0] == 0 and postings.starts[-1] == sum(map(len, texts))
+@pytest.mark.parametrize("needed", [0, 5, 20])
+def test_what_is_needed_is_measured_whatever_else_is_left_out(needed):
+    maps = [one.text for one in random_documents(0, "a", 60, keypoints=90)]
+    whole = counted(maps[9], *maps)
+    chosen = np.random.default_rng(0).permutation(60)[:40]
+    count, score = np.zeros((40, 4), dtype=np.int32), np.zeros((40, 4))
+    tables = intersection.Tables.of(maps[9], 10)
+    intersection.intersect(
+        Texts.of(maps), chosen, tables, ONES, ALL_TURNS, np.full(40, float(needed)), count, score
+    )
+    reaching = whole[chosen].max(axis=1) >= needed
+    assert 0 < reaching.sum() < 40 or not needed
+    assert np.array_equal(count[reaching], whole[chosen][reaching])
+    assert (count[~reaching] == 0).all() or needed == 0
 
 
 def test_weights_and_frequencies_are_of_live_documents():
-    postings = postings_of(text_of("x0_y0_a1 x0_y0_a1 x0_y0_a2"), text_of("x0_y0_a2"), text_of("x0_y0_a3"))
+    texts = Texts.of([text_of("x0_y0_a1 x0_y0_a1 x0_y0_a2"), text_of("x0_y0_a2"), text_of("x0_y0_a3")])
     frequency, total = np.zeros(1024, dtype=np.int64), np.zeros(3)
-    kernel.document_frequency(postings.starts, postings.doc, np.array([True, False, True]), frequency)
+    intersection.document_frequency(texts, np.array([True, False, True]), frequency)
     assert frequency[:5].tolist() == [0, 1, 1, 1, 0]
-    kernel.document_weight(postings.starts, postings.doc, np.arange(1024.0), total)
+    intersection.document_weight(texts, np.arange(1024.0), total)
     assert total.tolist() == [4.0, 2.0, 3.0]
+
+
+def test_a_word_of_several_runs_is_one_word():
+    many = Text.of(np.arange(200), np.zeros(200), np.full(200, 5))
+    assert counted(many, many).tolist()[0][0] == 200
+    assert counted(text_of("x0_y0_a5 x1_y0_a5"), many, window=None).tolist() == [[2]]
+    frequency = np.zeros(1024, dtype=np.int64)
+    intersection.document_frequency(Texts.of([many]), np.array([True]), frequency)
+    assert frequency[5] == 1
 
 
 def test_the_default_parameters_are_those_of_the_configuration():

@@ -1,0 +1,167 @@
+"""Scores and their bounds: what a query's weighting asks of the compiled code."""
+
+import threading
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.description.text import Text
+from m2t_text.index import agreement, bounds, intersection
+from m2t_text.index.collection import Collection
+from m2t_text.index.scores import Scores
+from m2t_text.index.texts import Texts
+from m2t_text.index.views import QUARTER, Views, views
+from m2t_text.index.windows import COARSE, FINE, Scratch
+
+Floats = NDArray[np.float64]
+Documents = NDArray[np.int64]
+
+REACH = 400  # cells; a query's keypoints farther from its viewpoint match nothing, and cost no memory
+ROUNDING = 1 - 1e-12  # of a sum that is needed to reach a quotient
+
+
+class WordMeasure:
+    """What bags of words and their filtered intersection have in common."""
+
+    def __init__(self, text: Text, whole: Collection, weighted: bool) -> None:
+        self.text = text
+        self.whole = whole
+        self.weighted = weighted
+        self.counts = np.bincount(text.wa, minlength=len(whole.frequency)).astype(np.int64)
+        self.weights = whole.weights if weighted else np.ones(len(whole.frequency))
+        self._own = float(self.weights[text.wa].sum())
+
+    def norms(self, name: str, documents: Documents) -> Floats:
+        """What the sums of documents are divided by."""
+        if not self.weighted:
+            return np.ones(len(documents))
+        norms = np.sqrt(self._own * self.whole.norms[name][documents])
+        return np.where(norms > 0, norms, 1.0)
+
+    def bound(self, name: str, documents: Documents) -> Floats:
+        sums = np.zeros(len(documents))
+        intersection.bounds(self.texts(name), documents, self.counts, self.weights, sums)
+        return sums / self.norms(name, documents)
+
+    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
+        return self.bound(name, documents)
+
+    def texts(self, name: str) -> Texts:
+        """Those of a segment."""
+        return self.whole.segments[name].texts
+
+
+class BagMeasure(WordMeasure):
+    """The paper's baseline without pose words (III-C)."""
+
+    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+        count, sums = np.zeros(len(documents), dtype=np.int32), np.zeros(len(documents))
+        intersection.bags(self.texts(name), documents, self.counts, self.weights, count, sums)
+        return Scores(sums / self.norms(name, documents), count, np.zeros((len(documents), 3)))
+
+
+class IntersectionMeasure(WordMeasure):
+    """The filtered histogram intersection under several turns (IV-D)."""
+
+    def __init__(
+        self, text: Text, whole: Collection, window: int, turns: tuple[int, ...], weighted: bool
+    ) -> None:
+        super().__init__(text, whole, weighted)
+        self._turns = np.isin(np.arange(intersection.TURNS), turns)
+        self._tables = intersection.Tables.of(text, window)
+
+    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+        shape = (len(documents), intersection.TURNS)
+        count, sums = np.zeros(shape, dtype=np.int32), np.zeros(shape)
+        norms = self.norms(name, documents)
+        needed = threshold * norms * ROUNDING
+        intersection.intersect(
+            self.texts(name), documents, self._tables, self.weights, self._turns, needed, count, sums
+        )
+        turns = np.flatnonzero(self._turns)
+        turn = turns[(sums / norms[:, None])[:, turns].argmax(axis=1)]  # the first of equals
+        rows = np.arange(len(documents))
+        alignment = np.zeros((len(documents), 3))
+        alignment[:, 2] = turn * QUARTER
+        return Scores(sums[rows, turn] / norms, count[rows, turn], alignment)
+
+
+class AgreementMeasure:
+    """The share of keypoints that match at the agreed offset."""
+
+    def __init__(
+        self, text: Text, whole: Collection, window: int, turns: tuple[int, ...], directions: int
+    ) -> None:
+        self._whole = whole
+        self._size = len(text)
+        self._window = window
+        seen = views(text, turns, directions)
+        near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0, initial=0) <= REACH
+        cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
+        self._seen = Views(seen.angles, *cells)
+        self._scratch = threading.local()
+        self._lock = threading.RLock()  # the first thread makes what all use
+
+    @cached_property
+    def _made_board(self) -> agreement.Board:
+        return agreement.Board.of(self._seen, self._window)
+
+    @cached_property
+    def _made_bounder(self) -> bounds.Bounder:
+        return bounds.Bounder.of(self._seen)
+
+    @property
+    def _board(self) -> agreement.Board:
+        with self._lock:
+            return self._made_board
+
+    @property
+    def _bounder(self) -> bounds.Bounder:
+        with self._lock:
+            return self._made_bounder
+
+    def bound(self, name: str, documents: Documents) -> Floats:
+        if not len(self._seen.wa):
+            return np.zeros(len(documents))
+        if self._window > bounds.WINDOW:
+            return np.ones(len(documents))
+        most = np.zeros(len(documents), dtype=np.int32)
+        coarse, _ = self._grids()
+        bounds.coarse_bounds(self._texts(name), documents, self._bounder, coarse, most)
+        return most / self._sizes(name, documents)
+
+    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
+        if self._window > bounds.WINDOW or not len(documents):
+            return np.ones(len(documents))
+        sizes = self._sizes(name, documents)
+        needed = np.ceil(threshold * sizes)
+        needed -= (needed - 1) / sizes >= threshold  # where rounding went up
+        most = np.zeros(len(documents), dtype=np.int32)
+        bounds.fine_bounds(
+            self._texts(name), documents, self._bounder, needed.astype(np.int32), *self._grids(), most
+        )
+        return most / sizes
+
+    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+        if not len(self._seen.wa) or not len(documents):
+            return Scores.none(len(documents))
+        both, matched = np.zeros(len(documents), dtype=np.int32), np.zeros(len(documents), dtype=np.int32)
+        found = np.zeros((len(documents), 3), dtype=np.int32)
+        agreement.agree(self._texts(name), documents, self._board, both, matched, found)
+        alignment = np.column_stack([found[:, 1:], self._seen.angles[found[:, 0]]])
+        return Scores(both / self._sizes(name, documents), matched, alignment)
+
+    def _texts(self, name: str) -> Texts:
+        return self._whole.segments[name].texts
+
+    def _sizes(self, name: str, documents: Documents) -> NDArray[np.int64]:
+        """|Q| + |M| of documents."""
+        starts = self._texts(name).starts
+        return self._size + starts[documents + 1] - starts[documents]
+
+    def _grids(self) -> tuple[Scratch, Scratch]:
+        """Room for the maps of this thread, kept from one call to the next."""
+        if not hasattr(self._scratch, "grids"):
+            self._scratch.grids = COARSE.scratch(), FINE.scratch()
+        return self._scratch.grids

@@ -1,0 +1,106 @@
+"""The best maps of many without measuring all: the most promising first, until bounds leave out the rest."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.index.scores import Scores
+from m2t_text.workers import cores
+
+Floats = NDArray[np.float64]
+Documents = NDArray[np.int64]
+Part = TypeVar("Part")
+
+SHARE = 1024  # documents that a thread takes at a time, at most
+
+
+class Measure(Protocol):
+    """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
+
+    def bound(self, name: str, documents: Documents) -> Floats:
+        """What the scores of documents (K,) cannot exceed, cheaply."""
+
+    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
+        """The same, tighter; of a score below the threshold anything below the threshold may be told."""
+
+    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+        """The scores of documents (K,); below the threshold they may be 0."""
+
+
+class Ranking:
+    """The documents that a search chooses from, worked on by threads. To be used in a ``with`` block.
+
+    Args:
+        measure: of the query.
+        allowed: documents (K,) of each segment that may be found.
+    """
+
+    def __init__(self, measure: Measure, allowed: Mapping[str, Documents]) -> None:
+        self._measure = measure
+        self._names = list(allowed)
+        self._segments = np.repeat(np.arange(len(allowed)), [len(part) for part in allowed.values()])
+        self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
+        self._threads = ThreadPoolExecutor(cores(None))
+
+    def __enter__(self) -> "Ranking":
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._threads.shutdown(cancel_futures=True)
+
+    def all(self) -> Scores:
+        """The scores of all documents, in the order in which they were given."""
+        return self._scores(np.arange(len(self._documents)), 0.0)
+
+    def best(self, top: int) -> tuple[NDArray[np.int64], Scores]:
+        """The ``top`` best documents and all that tie with the last of them: their places, and scores.
+
+        Places count in the order in which the documents were given. Those without a match are left out. Exact:
+        whatever else there is has a bound below ``top`` scores.
+        """
+        bounds = _joined(self._each(self._measure.bound, np.arange(len(self._documents))))
+        order = np.argsort(-bounds, kind="stable")
+        done, rest = np.split(order[bounds[order] > 0], [2 * top])
+        scores = self._scores(done, 0.0)
+        last = _last(scores, top)
+        rest = np.sort(rest[bounds[rest] >= last])
+        tight = _joined(self._each(self._measure.tighten, rest, last))
+        order = np.argsort(-tight, kind="stable")
+        rest, tight = rest[order], tight[order]
+        while len(rest) and tight[0] >= last:
+            # The batches double: few of them, and the last score rises early.
+            batch, rest = np.split(rest[tight >= last], [len(done)])
+            scores = Scores.joined([scores, self._scores(batch, last)])
+            done, tight = np.append(done, batch), tight[len(batch) : len(batch) + len(rest)]
+            last = _last(scores, top)
+        kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
+        return done[kept], scores[kept]
+
+    def _scores(self, places: NDArray[np.int64], threshold: float) -> Scores:
+        order = np.argsort(places)
+        back = np.empty(len(places), dtype=np.int64)
+        back[order] = np.arange(len(places))
+        return Scores.joined(self._each(self._measure.measure, places[order], threshold))[back]
+
+    def _each(self, work: Callable[..., Part], places: NDArray[np.int64], *arguments: float) -> Sequence[Part]:
+        """What the work gives for ascending places, part by part of one segment each."""
+        parts: list[tuple[str, Documents]] = []
+        share = max(1, min(SHARE, len(places) // cores(None)))
+        for number, name in enumerate(self._names):
+            own = self._documents[places[self._segments[places] == number]]
+            parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
+        return list(self._threads.map(lambda part: work(*part, *arguments), parts))
+
+
+def _joined(parts: Sequence[Floats]) -> Floats:
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def _last(scores: Scores, top: int) -> float:
+    """The score that the best ``top`` reach, 0 while there are fewer."""
+    if len(scores.score) < top:
+        return 0.0
+    return float(np.partition(scores.score, len(scores.score) - top)[len(scores.score) - top])

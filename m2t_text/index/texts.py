@@ -1,0 +1,97 @@
+"""The keypoints of many texts, packed into bytes: as the column stores them, and as matching reads them."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.description.text import Text
+
+RUN = 64  # keypoints in a run at most: a word of 10 bits leaves 6 for the count
+
+Bytes = NDArray[np.uint8]
+SignedBytes = NDArray[np.int8]
+Starts = NDArray[np.int64]
+
+
+class Texts(NamedTuple):
+    """All texts of a segment in the order of documents, about 2.5 bytes a keypoint.
+
+    Attributes:
+        starts: (D + 1,) where each document's keypoints begin.
+        run_starts: (D + 1,) where its runs of equal words begin.
+        wide_starts: (D + 1,) where its high bytes begin; a document has them for all its keypoints or none.
+        runs: (2 R,) word * 64 + length - 1 of each run, low byte first.
+        x, y: (N,) low bytes of the cells.
+        high: (2 W,) high bytes of the x and the y of wide documents: those with a cell outside -128...127.
+    """
+
+    starts: Starts
+    run_starts: Starts
+    wide_starts: Starts
+    runs: Bytes
+    x: SignedBytes
+    y: SignedBytes
+    high: SignedBytes
+
+    @classmethod
+    def of(cls, texts: Iterable[Text]) -> "Texts":
+        """The texts packed."""
+        rows = [pack(text) for text in texts]
+        sizes = np.array([(len(x), len(runs) // 2, len(high) // 2) for runs, x, _, high in rows]).reshape(-1, 3)
+        sections = [b"".join(part) for part in zip(*rows, strict=True)] or [b""] * 4
+        return cls.read(sizes.T, *sections)
+
+    @classmethod
+    def read(cls, sizes: NDArray[Any], runs: Any, x: Any, y: Any, high: Any) -> "Texts":
+        """From (3, D) numbers of keypoints, of runs and of wide keypoints of each document, and their bytes."""
+        starts, run_starts, wide_starts = (np.append(0, np.cumsum(size, dtype=np.int64)) for size in sizes)
+        cells = (np.frombuffer(part, np.int8) for part in (x, y, high))
+        return cls(starts, run_starts, wide_starts, np.frombuffer(runs, np.uint8), *cells)
+
+    @property
+    def documents(self) -> int:
+        """D, their number."""
+        return len(self.starts) - 1
+
+    @property
+    def counts(self) -> Starts:
+        """(D,) number of keypoints of each document."""
+        return np.diff(self.starts)
+
+    def text(self, document: int) -> Text:
+        """The text of one document."""
+        begin, end = self.starts[document : document + 2].tolist()
+        x, y = (part[begin:end].astype(np.int16) for part in (self.x, self.y))
+        first, last = self.wide_starts[document : document + 2].tolist()
+        if last > first:
+            high = self.high[2 * first : 2 * last].astype(np.int16).reshape(-1, 2) * 256
+            x, y = x + high[:, 0], y + high[:, 1]
+        first, last = self.run_starts[document : document + 2].tolist()
+        runs = self.runs[2 * first : 2 * last].astype(np.uint16).reshape(-1, 2)
+        return Text(x, y, unpack_words(runs[:, 0] | runs[:, 1] << 8))
+
+
+def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:
+    """Its runs, x, y and high bytes."""
+    x, y = text.wx.astype(np.int8), text.wy.astype(np.int8)  # keeps the low byte
+    high = np.stack([text.wx - x.astype(np.int32), text.wy - y.astype(np.int32)], axis=1) >> 8
+    wide = high.astype(np.int8).tobytes() if high.any() else b""
+    return pack_words(text.wa).tobytes(), x.tobytes(), y.tobytes(), wide
+
+
+def pack_words(wa: NDArray[np.int16]) -> NDArray[np.uint16]:
+    """Sorted words as runs of at most 64: word * 64 + length - 1."""
+    place = np.arange(len(wa))
+    fresh = np.diff(wa, prepend=-1) != 0
+    in_word = place - np.maximum.accumulate(np.where(fresh, place, 0)) if len(wa) else place
+    begins = np.flatnonzero(in_word % RUN == 0)
+    lengths = np.diff(begins, append=len(wa))
+    return (wa[begins].astype(np.int64) * RUN + lengths - 1).astype("<u2")
+
+
+def unpack_words(runs: NDArray[Any]) -> NDArray[np.int16]:
+    """The words that `pack_words` packed."""
+    runs = runs.astype(np.uint16)
+    return np.repeat((runs // RUN).astype(np.int16), (runs % RUN).astype(np.int64) + 1)

@@ -1,0 +1,155 @@
+"""A map as windows on a grid, compiled: what lies near eight by eight cells, in eight bytes from any place on.
+
+Rows of the grid run along x, a byte a cell, and eight cells are worked on at once. Bit j of the byte at (x, y)
+says whether cell (x, y + j) is taken; so the eight bytes from there on tell of eight cells in x and eight in y.
+"""
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+U = np.uint64
+
+
+class Grid(NamedTuple):
+    """A square grid about the viewpoint.
+
+    Attributes:
+        words: of 64 bits in a row.
+    """
+
+    words: int
+
+    @property
+    def side(self) -> int:
+        """Cells, and bytes, of a row."""
+        return 8 * self.words
+
+    @property
+    def empty(self) -> int:
+        """A place of which the windows tell that nothing is near."""
+        return self.side * self.side
+
+    def places(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Of cells in the windows of a map."""
+        return (y + self.side // 2) * self.side + x + self.side // 2
+
+    def scratch(self) -> "Scratch":
+        """Room for a map."""
+        return Scratch(*(np.zeros(self.words * (self.side + 16), np.uint64) for _ in range(3)))
+
+
+class Scratch(NamedTuple):
+    """What is worked on for one map: cells taken, cells near them, and windows. All zero at first."""
+
+    taken: NDArray[np.uint64]
+    near: NDArray[np.uint64]
+    windows: NDArray[np.uint64]
+
+
+COARSE, FINE = Grid(12), Grid(38)
+STEP = 3  # cells of a map, in x and in y, that lie in one of the coarse grid
+ANY, FIRST_X, FIRST_Y = 1, 2, 4  # bits of a coarse cell: a keypoint, one in its first column, in its first row,
+# and FIRST_X * FIRST_Y: one in both
+IN_X = U(0x0505050505050505)  # ANY and FIRST_Y of eight cells
+ONES = U(0x0101010101010101)
+COARSE_WORDS, COARSE_SIDE, FINE_WORDS, FINE_SIDE = COARSE.words, COARSE.side, FINE.words, FINE.side
+
+
+@numba.njit(cache=True, nogil=True)
+def coarse_windows(x: Any, y: Any, size: Any, scratch: Any) -> Any:
+    """The windows of a map (as bytes) in which a group of the query's keypoints in cell g is looked up.
+
+    Cell g tells of keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
+    keypoint in g may come to lie under the offsets of a step, and a cell more on each side.
+    """
+    taken, near, windows = scratch
+    width = U(COARSE_WORDS)
+    cells = taken.view(np.uint8)
+    side, step = U(COARSE_SIDE), U(STEP)
+    low, high = side, U(0)
+    for k in range(U(size)):
+        i, j = U(np.int64(x[k]) + STEP * COARSE_SIDE // 2), U(np.int64(y[k]) + STEP * COARSE_SIDE // 2)
+        column, row = i // step, j // step
+        if U(2) <= column < side and U(2) <= row < side:
+            low, high = min(low, row), max(high, row)
+            # without branches, which would be guessed wrong every third time
+            kind = (ANY + FIRST_X * (i == column * step)) * (ANY + FIRST_Y * (j == row * step))
+            cells[row * side + column] |= np.uint8(kind)
+    if low > high:
+        windows[:] = U(0)
+        return windows.view(np.uint8)
+    begin, end = width * (low - U(2)), width * (high + U(1))
+    for k in range(begin, end):
+        next_word = taken[k + U(1)]
+        one = taken[k] >> U(8) | next_word << U(56)
+        two = taken[k] >> U(16) | next_word << U(48)
+        near[k] = (taken[k] | one) & IN_X | two >> U(1) & IN_X
+    near[end : end + U(2) * width] = U(0)
+    for k in range(begin, end):
+        near[k] = (near[k] | near[k + width]) & ONES | near[k + U(2) * width] >> U(2) & ONES
+    taken[begin:end] = U(0)
+    _stack(near, windows, begin, end, width)
+    return windows.view(np.uint8)
+
+
+@numba.njit(cache=True, nogil=True)
+def fine_windows(x: Any, y: Any, size: Any, scratch: Any) -> Any:
+    """The windows of a map (as bytes) in which a keypoint of the query is looked up.
+
+    A cell is taken if a keypoint lies in it or next to it.
+    """
+    taken, near, windows = scratch
+    width = U(FINE_WORDS)
+    cells = taken.view(np.uint8)
+    side, last = U(FINE_SIDE), U(FINE_SIDE - 1)
+    low, high = side, U(0)
+    for k in range(U(size)):
+        column, row = U(np.int64(x[k]) + FINE_SIDE // 2), U(np.int64(y[k]) + FINE_SIDE // 2)
+        if U(1) <= column < last and U(1) <= row < last:
+            low, high = min(low, row), max(high, row)
+            cells[row * side + column] = np.uint8(1)
+    if low > high:
+        windows[:] = U(0)
+        return windows.view(np.uint8)
+    begin, end = width * low, width * (high + U(1))
+    windows[begin - width : begin] = U(0)
+    windows[end : end + width] = U(0)
+    for k in range(begin, end):
+        here = taken[k]
+        beside = taken[k + U(1)] << U(56) | taken[k - U(1)] >> U(56)
+        windows[k] = here | here >> U(8) | here << U(8) | beside
+    taken[begin:end] = U(0)
+    begin, end = begin - width, end + width
+    near[begin] = U(0)
+    for k in range(begin, end):
+        near[k] = windows[k]
+    for k in range(begin + width, end):
+        near[k] |= windows[k - width]
+    for k in range(begin, end - width):
+        near[k] |= windows[k + width]
+    _stack(near, windows, begin, end, width)
+    return windows.view(np.uint8)
+
+
+@numba.njit(cache=True, nogil=True)
+def _stack(near: Any, windows: Any, begin: Any, end: Any, width: Any) -> None:
+    """Windows on the cells (0 or 1) of ``near``, whose rows begin...end are not empty."""
+    first = begin - min(begin, U(7) * width)
+    near[first:begin] = U(0)
+    near[end : end + U(7) * width] = U(0)
+    windows[:first] = U(0)
+    windows[end:] = U(0)
+    for k in range(first, end):
+        windows[k] = (
+            near[k]
+            | near[k + width] << U(1)
+            | near[k + U(2) * width] << U(2)
+            | near[k + U(3) * width] << U(3)
+            | near[k + U(4) * width] << U(4)
+            | near[k + U(5) * width] << U(5)
+            | near[k + U(6) * width] << U(6)
+            | near[k + U(7) * width] << U(7)
+        )

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test stress bench lint docs clean
+.PHONY: demo test stress bench loops lint docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
@@ -17,6 +17,10 @@ stress: $(VENV)/.installed-test
 # BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
 bench: $(VENV)/.installed-bench
 	$(BIN)/python tests/benchmarks/bench.py
+
+# make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
+loops: $(VENV)/.installed-test
+	$(BIN)/python -m m2t_text.loops.evaluate $(LOGS)
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ import numpy as np
 
 from m2t_text.answers import Answer, SearchOptions, search
 from m2t_text.description.document import Document
+from m2t_text.drawing import walls_of
 from m2t_text.files import make_folder
 from m2t_text.finding import find
 from m2t_text.geometry import transform
@@ -17,7 +18,6 @@ from m2t_text.index.store import MapIndex
 from m2t_text.indexing import Progress, Request, index_sources
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen
-from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
 from m2t_text.plots import Floats, Visit, plot_match, plot_overview
 from m2t_text.queries import Query
@@ -28,7 +28,6 @@ APART = 2.0  # m of travel between two queries
 KNOWN = 1.0  # m; a place was visited before if a map of the first drive lies so near
 RIGHT = 3.0  # m; a hit is right if it lies so near
 SHOWN = 2  # hits in the picture
-WALL_RANGE, WALL_CELL = 10.0, 0.06  # m; which hits are drawn, and how far apart
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,9 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: Progress) -> DemoRepo
                 right.append(query)
             if finding.verdict == "match":
                 sure.append(visits[-1].right)
-    plot_overview(_walls(first), _way(first), _way(second), visits, folder / "overview.png")
+    assert first.ground_truth is not None
+    walls = walls_of(first, first.ground_truth)
+    plot_overview(walls, _way(first), _way(second), visits, folder / "overview.png")
     drawn = right or queries
     scan = drawn[len(drawn) // 2].first_scan
     best = search(f"{folder}/{second.name}.log#{scan}", index, SearchOptions())
@@ -145,13 +146,3 @@ def _near(place: Floats, others: Floats, metres: float) -> bool:
 def _way(log: Log) -> Floats:
     assert log.ground_truth is not None
     return log.ground_truth[:, :2]
-
-
-def _walls(log: Log) -> Floats:
-    """(N, 2) all that the laser hit, thinned to one point a cell."""
-    assert log.ground_truth is not None
-    hits = [
-        transform(pose, scan_points(scan, log.laser_pose, WALL_RANGE))
-        for pose, scan in zip(log.ground_truth, log.scans, strict=True)
-    ]
-    return np.unique(np.round(np.concatenate(hits) / WALL_CELL), axis=0) * WALL_CELL

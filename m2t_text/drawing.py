@@ -9,6 +9,9 @@ from scipy.spatial import KDTree
 
 from m2t_text.config import MappingParameters
 from m2t_text.description.text import WORDS, Text
+from m2t_text.geometry import transform
+from m2t_text.logs.log import Log
+from m2t_text.mapping.trajectory import scan_points
 
 Floats = NDArray[np.float64]
 
@@ -17,6 +20,7 @@ FIRST, LATER = "#7a8ba0", "#e08214"
 INK, PALE = "#222222", "#d5d9de"
 ARROW = 1.2  # m; length of the arrow that shows a viewing direction
 CELL = MappingParameters().cell
+WALL_RANGE, WALL_CELL = 10.0, 0.1  # m; which hits are drawn, and how far apart
 
 
 def draw_keypoints(axes: Axes, text: Text, colour: str) -> None:
@@ -60,6 +64,24 @@ def draw_viewpoint(axes: Axes, pose: Floats, colour: str) -> None:
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2.2, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
     axes.annotate("", tip, (x, y), arrowprops=style, zorder=5)
     axes.plot(x, y, "o", ms=7, color=colour, mec="white", mew=1.0, zorder=6)
+
+
+def draw_walls(axes: Axes, points: Floats) -> None:
+    """What the laser hit, (N, 2), as fine dots."""
+    axes.plot(*points.T, ".", ms=1.8, color="#4b5563", mec="none", rasterized=True)
+
+
+def walls_of(log: Log, poses: Floats) -> Floats:
+    """(N, 2) what the laser hit, seen from the poses (S, 3) of the scans, metres; one hit in each cell."""
+    hits = [
+        _one_in_a_cell(transform(pose, scan_points(scan, log.laser_pose, WALL_RANGE)))
+        for pose, scan in zip(poses, log.scans, strict=True)
+    ]
+    return _one_in_a_cell(np.concatenate(hits))
+
+
+def _one_in_a_cell(points: Floats) -> Floats:
+    return points[np.unique(np.floor(points / WALL_CELL), axis=0, return_index=True)[1]]
 
 
 def correspondences(query: Text, found: Text, window: int) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from whoosh.query import Query as WhooshQuery
 
 from m2t_text.geometry import compose
 from m2t_text.index.results import Hit
@@ -69,6 +70,7 @@ def find(
     top: int = 10,
     exclude: tuple[str, float, float] | None = None,
     verify: bool = True,
+    filter: WhooshQuery | None = None,
 ) -> Finding:
     """The maps that show the query's place.
 
@@ -78,6 +80,7 @@ def find(
     Args:
         top: number of results at most, 0 for all maps.
         exclude: (dataset, travel, metres), as for `MapIndex.search`.
+        filter: of Whoosh; only maps that match it are searched.
 
     Examples:
         >>> import m2t_text as m2t
@@ -91,7 +94,7 @@ def find(
     """
     begin = perf_counter()
     index = index.pinned()  # also where it is written meanwhile, the hits' texts are those that were scored
-    hits = index.search(query.text, max(top, VERIFIED) if top and verify else top, exclude)
+    hits = index.search(query.text, max(top, VERIFIED) if top and verify else top, exclude, filter=filter)
     searched = perf_counter() - begin
     if not verify:
         unsure: Verdict = "ambiguous" if hits and hits[0].score > 0 else "none"

@@ -74,14 +74,20 @@ def describe_log(
 
 
 def describe_survey(
-    whole: Survey, dataset: str, parameters: Parameters, jobs: int = 1, progress: Progress | None = None
+    whole: Survey,
+    dataset: str,
+    parameters: Parameters,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    spacing: float = 0.0,
 ) -> Iterator[Document]:
     """The documents of all local maps of a survey, in the order of their first scans.
 
-    The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all).
+    The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all). Maps that begin
+    less than ``spacing`` metres of travel after the one before are left out.
     """
     tell = progress or _silent
-    starts = run_starts(whole, parameters.mapping.run_length)
+    starts = run_starts(whole, parameters.mapping.run_length, spacing)
     chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
     done = 0
     for documents in _described(whole, chunks, dataset, parameters, jobs):

@@ -29,6 +29,7 @@ from m2t_text.drawing import (
     draw_match,
     draw_overlap,
     draw_viewpoint,
+    draw_walls,
     draw_words,
     entitle,
     make_metric,
@@ -143,7 +144,7 @@ def plot_overview(walls: Floats, first: Floats, later: Floats, visits: Sequence[
         (10.0, float(np.clip(9.0 * _aspect(box), 3.0, 12.0)) + 1.8), layout="compressed", facecolor="white"
     )
     axes = figure.subplots()
-    axes.plot(*walls.T, ".", ms=1.6, color="#4b5563", mec="none", rasterized=True)
+    draw_walls(axes, walls)
     axes.plot(*first.T, color=FIRST, lw=5, alpha=0.45, solid_capstyle="round")
     axes.plot(*later.T, color=LATER, lw=1.5)
     colours = [QUERY if visit.right else MATCHED for visit in visits]

@@ -2,14 +2,45 @@
 
 import os
 import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import parent_process
 from threading import Thread
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def cores(jobs: int | None) -> int:
     """As many processes as asked for, else as there are cores for this one."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
     return jobs or (len(affinity(0)) if affinity else os.cpu_count() or 1)
+
+
+def mapped(make: Callable[[], Callable[[Item], Result]], items: Sequence[Item], jobs: int) -> Iterator[Result]:
+    """What the function that ``make()`` gives makes of each item, in their order, by so many processes.
+
+    ``make`` is called once in each process, so that what the function holds is not sent with every item.
+    """
+    if jobs <= 1 or len(items) <= 1:
+        yield from map(make(), items)
+        return
+    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(make,)) as pool:
+        yield from pool.map(_work, items)
+
+
+_function: Callable[[Any], Any]
+
+
+def _start(make: Callable[[], Callable[[Any], Any]]) -> None:
+    global _function  # noqa: PLW0603
+    follow_parent()
+    _function = make()
+
+
+def _work(item: Any) -> Any:
+    return _function(item)
 
 
 def follow_parent() -> None:

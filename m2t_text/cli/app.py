@@ -9,6 +9,7 @@ from m2t_text.cli.checking import check
 from m2t_text.cli.finding import info, inspect, search
 from m2t_text.cli.judging import evaluate
 from m2t_text.cli.keeping import fetch, merge, optimize, remove
+from m2t_text.cli.looping import loops
 from m2t_text.cli.making import demo, index, simulate
 
 app = typer.Typer(
@@ -17,7 +18,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, simulate, index, search, inspect, info, check, evaluate, fetch, merge, remove, optimize):
+COMMANDS = (
+    demo,
+    simulate,
+    fetch,
+    index,
+    search,
+    inspect,
+    info,
+    loops,
+    evaluate,
+    check,
+    merge,
+    remove,
+    optimize,
+)
+for command in COMMANDS:
     app.command()(command)
 
 

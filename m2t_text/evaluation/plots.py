@@ -20,22 +20,19 @@ from m2t_text.drawing import (
     QUERY,
     draw_match,
     draw_viewpoint,
+    draw_walls,
     entitle,
     make_metric,
     mark,
     metres,
+    walls_of,
 )
 from m2t_text.evaluation.examples import Pair
 from m2t_text.evaluation.judging import column
-from m2t_text.evaluation.metrics import Floats
 from m2t_text.evaluation.run import Evaluated, Evaluation
-from m2t_text.geometry import transform
-from m2t_text.logs import Log
-from m2t_text.mapping.trajectory import scan_points
 from m2t_text.plots import save, short
 
 ANYWHERE = 1 << 14  # cells; no keypoint lies farther from another: a bag of words
-WALL_RANGE, WALL_CELL = 10.0, 0.1  # m; which hits are drawn, and how far apart
 RANK = ListedColormap(colormaps["turbo"](np.linspace(0.12, 0.92, 256)))  # its ends are both dark
 METHODS = (("bow", "BoW", FIRST, ANYWHERE), ("m2t", "M2T", MATCHED, None))
 
@@ -77,13 +74,13 @@ def ranks_figure(datasets: Sequence[Evaluated]) -> Figure:
 def map_figure(evaluated: Evaluated) -> Figure:
     """The walls and the drive by the ground truth, and each query in the colour of its rank (paper, Fig. 3)."""
     assert evaluated.log.ground_truth is not None
-    walls, way = ground_truth_walls(evaluated.log), evaluated.log.ground_truth[:, :2]
+    walls, way = walls_of(evaluated.log, evaluated.log.ground_truth), evaluated.log.ground_truth[:, :2]
     low, high = np.vstack([walls, way]).min(axis=0) - 1.0, np.vstack([walls, way]).max(axis=0) + 1.0
     aspect = float(np.clip((high - low)[1] / (high - low)[0], 0.3, 2.0))
     width = 8.0 / max(1.0, aspect)
     figure = Figure((width + 1.4, width * aspect + 1.0), layout="compressed", facecolor="white")
     axes = figure.subplots()
-    axes.plot(*walls.T, ".", ms=1.8, color="#4b5563", mec="none", rasterized=True)
+    draw_walls(axes, walls)
     axes.plot(*way.T, color=FIRST, lw=0.8, alpha=0.6)
     ranks = 100 * column(evaluated.judgements, "normalised_rank", "m2t")
     places = evaluated.truth.places[[judgement.query for judgement in evaluated.judgements]]
@@ -131,20 +128,6 @@ def pairs_figure(pairs: Sequence[Pair]) -> Figure:
     marks = [mark(QUERY, "query"), mark(HIT, "map of the index"), mark(MATCHED, "same word", "-")]
     figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
-
-
-def ground_truth_walls(log: Log) -> Floats:
-    """(N, 2) what the laser hit, placed by the ground truth, metres; one hit in each cell."""
-    assert log.ground_truth is not None
-    hits = [
-        _thinned(transform(pose, scan_points(scan, log.laser_pose, WALL_RANGE)))
-        for pose, scan in zip(log.ground_truth, log.scans, strict=True)
-    ]
-    return _thinned(np.concatenate(hits))
-
-
-def _thinned(points: Floats) -> Floats:
-    return points[np.unique(np.floor(points / WALL_CELL), axis=0, return_index=True)[1]]
 
 
 def _number(map_id: str) -> str:

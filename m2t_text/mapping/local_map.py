@@ -82,9 +82,17 @@ def _apart(a: Floats, b: Floats) -> float:
     return math.hypot(b[0] - a[0], b[1] - a[1])
 
 
-def run_starts(survey: Survey, run_length: float) -> NDArray[np.int64]:
-    """Indices of the scans after which the robot travelled at least ``run_length`` metres."""
-    return np.flatnonzero(survey.way[-1:] - survey.way >= run_length)
+def run_starts(survey: Survey, run_length: float, spacing: float = 0.0) -> NDArray[np.int64]:
+    """Indices of the scans after which the robot travelled at least ``run_length`` metres.
+
+    Those less than ``spacing`` metres of travel after the one before are left out.
+    """
+    starts, after = [], 0.0
+    for scan in np.flatnonzero(survey.way[-1:] - survey.way >= run_length):
+        if survey.way[scan] >= after:
+            starts.append(scan)
+            after = survey.way[scan] + spacing
+    return np.array(starts, dtype=np.int64)
 
 
 def local_maps(

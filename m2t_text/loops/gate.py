@@ -1,0 +1,125 @@
+"""Which matches become loops: those that the trajectory and all other loops allow.
+
+The verdict on a match compares places; this compares times. A match says where the query lies as seen from an
+earlier pose, and so does the trajectory between both, directly or by way of a loop that is known already (the
+tightest of such ways is Bosse's Dijkstra projection, "An Atlas framework for scalable mapping", ICRA 2003). One
+that contradicts any of them is refused, as loops are by pairwise consistency (Mangelson et al., "Pairwise
+consistent measurement set maximization", ICRA 2018), but at once and in the order of the drive, so that nothing
+looks ahead.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from m2t_text.loops.lookup import Candidate
+from m2t_text.loops.uncertainty import Drift, Uncertain
+
+GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand: 3 degrees of freedom
+LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match:
+OWN_RUNS, OTHER_RUNS = 2, 5  # that share no scan must agree then, on the drive's past and on another dataset
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A pose of the drive as seen from an earlier one, or from one of another dataset.
+
+    Attributes:
+        scan: of the drive.
+        dataset: that the place belongs to.
+        place: index into that dataset's trajectory; a scan, where it is the drive's own.
+        pose: of the scan as seen from the place.
+        candidate: what was found.
+        known: the scan at which the loop is known: its query's last, or that of the match that confirmed it.
+    """
+
+    scan: int
+    dataset: str
+    place: int
+    pose: Uncertain
+    candidate: Candidate
+    known: int
+
+
+class Gate:
+    """Takes matches in the order of the drive, and says which are loops from then on.
+
+    Attributes:
+        loops: those that are sure, in the order in which they became so.
+        waiting: those that nothing contradicts, but nothing confirms yet.
+        refused: those that something contradicts.
+    """
+
+    def __init__(self, drive: str, drifts: dict[str, Drift]) -> None:
+        """``drifts`` holds the trajectory of the drive and those of all other datasets."""
+        self.loops: list[Loop] = []
+        self.waiting: list[Loop] = []
+        self.refused: list[Loop] = []
+        self._drive = drive
+        self._drifts = drifts
+        self._of: defaultdict[str, list[Loop]] = defaultdict(list)
+
+    def offer(self, loop: Loop) -> None:
+        """Judges a match, and those that waited for it."""
+        self.waiting.append(loop)
+        while any(self._settles(one, loop.known) for one in tuple(self.waiting)):
+            pass
+
+    def _settles(self, one: Loop, scan: int) -> bool:
+        """Whether one that waits becomes a loop at a scan, perhaps with others: more may follow then."""
+        ways = self._ways(one)
+        if len(ways.pose) and (ways.distance(one.pose) > GATE).any():
+            self.waiting.remove(one)
+            self.refused.append(one)
+            return False
+        together = [one] if (ways.reach <= LOOSE).any() else self._agreeing(one)
+        for loop in together:
+            self.waiting.remove(loop)
+            sure = replace(loop, known=scan)
+            self.loops.append(sure)
+            self._of[loop.dataset].append(sure)
+        return bool(together)
+
+    def _agreeing(self, one: Loop) -> list[Loop]:
+        """This one and those that wait and confirm it and each other, if they are of enough runs."""
+        group = [one]
+        for other in reversed(self.waiting):
+            if other is not one and other.dataset == one.dataset and self._confirmed(other, group):
+                group.append(other)
+        enough = OWN_RUNS if one.dataset == self._drive else OTHER_RUNS
+        return [loop for loop in self.waiting if loop in group] if _runs(group) >= enough else []
+
+    def _confirmed(self, loop: Loop, others: Sequence[Loop]) -> bool:
+        ways = self._by_way_of(others, loop)
+        return bool((ways.distance(loop.pose) <= GATE).all() and (ways.reach <= LOOSE).all())
+
+    def _ways(self, loop: Loop) -> Uncertain:
+        """(W, 3) where a loop's scan lies as seen from its place, by the trajectory and by other loops."""
+        ways = self._by_way_of(self._of[loop.dataset], loop)
+        if loop.dataset != self._drive:
+            return ways
+        direct = self._drifts[self._drive].relative(loop.place, np.array([loop.scan]))
+        return Uncertain(
+            np.concatenate([direct.pose, ways.pose]), np.concatenate([direct.covariance, ways.covariance])
+        )
+
+    def _by_way_of(self, others: Sequence[Loop], loop: Loop) -> Uncertain:
+        """(W, 3) where a loop's scan lies as seen from its place: by another loop's place and its scan."""
+        places = np.array([other.place for other in others], dtype=np.int64)
+        scans = np.array([other.scan for other in others], dtype=np.int64)
+        poses = np.array([other.pose.pose for other in others]).reshape(-1, 3)
+        covariances = np.array([other.pose.covariance for other in others]).reshape(-1, 3, 3)
+        there = self._drifts[loop.dataset].relative(loop.place, places)
+        back = self._drifts[self._drive].relative(scans, loop.scan)
+        return there.then(Uncertain(poses, covariances)).then(back)
+
+
+def _runs(loops: Sequence[Loop]) -> int:
+    """How many of the loops' queries, at most, share no scan with each other."""
+    count, end = 0, -1
+    for query in sorted((loop.candidate.query for loop in loops), key=lambda query: query.last_scan):
+        if query.first_scan > end:
+            count, end = count + 1, query.last_scan
+    return count

@@ -1,0 +1,91 @@
+"""Which matches become loops: what the trajectory allows, what waits, what is refused, and when it is known."""
+
+import numpy as np
+import pytest
+
+from m2t_text.description.document import Document
+from m2t_text.description.text import Text
+from m2t_text.geometry import between, compose
+from m2t_text.loops.gate import Gate, Loop
+from m2t_text.loops.lookup import Candidate
+from m2t_text.loops.uncertainty import Drift, Floats, Uncertain
+
+STRAIGHT = np.column_stack([np.arange(0.0, 301.0), np.zeros((301, 2))])
+# Out and back on one line, a scan a metre: at scan k the robot is where it was at scan 600 - k.
+DRIVE = np.concatenate([STRAIGHT, compose([300.0, 0.0, np.pi], STRAIGHT[1:])])
+ALIGNMENT = np.diag([0.1, 0.1, 0.02]) ** 2
+
+
+def document(dataset: str, scan: int) -> Document:
+    """A map whose run of 5 m has this scan in its middle."""
+    run, nothing = (scan - 2, scan + 3), np.zeros(3)
+    return Document(dataset, *run, np.array(run, float), nothing, nothing, np.zeros(2), 0, Text.of([], [], []))
+
+
+def match(
+    scan: int, place: int, off: Floats | None = None, dataset: str = "drive", truth: Floats = DRIVE
+) -> Loop:
+    """A match of the drive's scan with a place, right but for ``off`` (3,)."""
+    pose = compose(between(truth[place], DRIVE[scan]), np.zeros(3) if off is None else off)
+    candidate = Candidate(document("drive", scan), document(dataset, place), 0.8, Uncertain(pose, ALIGNMENT))
+    return Loop(scan, dataset, place, Uncertain(pose, ALIGNMENT), candidate, scan + 3)
+
+
+@pytest.fixture
+def gate() -> Gate:
+    return Gate("drive", {"drive": Drift(DRIVE), "other": Drift(STRAIGHT)})
+
+
+def scans(loops: list[Loop]) -> list[int]:
+    return [loop.scan for loop in loops]
+
+
+def test_what_the_trajectory_allows_is_a_loop_at_once(gate: Gate):
+    gate.offer(match(305, 295))
+    assert [(loop.scan, loop.place, loop.known) for loop in gate.loops] == [(305, 295, 308)]
+
+
+@pytest.mark.parametrize("off", [[1.0, 0.0, 0.0], [0.0, -1.5, 0.0], [0.0, 0.0, 0.2], [0.0, 0.0, np.pi]])
+def test_what_the_trajectory_contradicts_is_refused(gate: Gate, off: list[float]):
+    gate.offer(match(305, 295, np.array(off)))
+    assert (gate.loops, gate.waiting, scans(gate.refused)) == ([], [], [305])
+
+
+def test_after_a_long_way_a_match_waits_for_another_run_that_agrees(gate: Gate):
+    gate.offer(match(500, 100))
+    gate.offer(match(504, 96))  # whose run overlaps
+    assert (gate.loops, scans(gate.waiting)) == ([], [500, 504])
+    gate.offer(match(506, 94))
+    assert (scans(gate.loops), gate.waiting) == ([500, 504, 506], [])
+    assert {loop.known for loop in gate.loops} == {509}
+
+
+def test_matches_that_disagree_do_not_confirm_each_other(gate: Gate):
+    gate.offer(match(500, 100, np.array([0.0, 6.0, 0.0])))
+    gate.offer(match(506, 94))
+    assert (gate.loops, scans(gate.waiting)) == ([], [500, 506])
+    gate.offer(match(512, 88))  # agrees with the second; then both contradict the first
+    assert (scans(gate.loops), scans(gate.refused)) == ([506, 512], [500])
+
+
+def test_a_known_loop_refuses_what_the_long_way_would_allow(gate: Gate):
+    wrong = match(512, 88, np.array([0.0, 3.0, 0.0]))
+    unsure = Gate("drive", {"drive": Drift(DRIVE)})
+    unsure.offer(wrong)
+    assert scans(unsure.waiting) == [512]
+    for one in (match(500, 100), match(506, 94), wrong):
+        gate.offer(one)
+    assert (scans(gate.loops), scans(gate.refused)) == ([500, 506], [512])
+
+
+def test_another_dataset_is_trusted_once_five_runs_agree(gate: Gate):
+    shifted = compose([3.0, 4.0, 1.0], STRAIGHT)  # wherever the other drive began
+    run_after_run = [50, 54, 56, 62, 68, 74]  # those of 50 and 54, and of 54 and 56, overlap
+    for scan in run_after_run[:-1]:
+        gate.offer(match(scan, scan - 30, dataset="other", truth=shifted))
+    assert (gate.loops, scans(gate.waiting)) == ([], run_after_run[:-1])
+    gate.offer(match(74, 44, dataset="other", truth=shifted))
+    assert (scans(gate.loops), gate.waiting) == (run_after_run, [])
+    gate.offer(match(80, 50, np.array([0.0, 0.0, 1.0]), "other", shifted))
+    gate.offer(match(81, 51, dataset="other", truth=shifted))
+    assert (scans(gate.refused), scans(gate.loops)) == ([80], [*run_after_run, 81])

@@ -25,6 +25,8 @@ ROUNDING = 1 - 1e-12  # of a sum that is needed to reach a quotient
 class WordMeasure:
     """What bags of words and their filtered intersection have in common."""
 
+    promises_bounds = True
+
     def __init__(self, text: Text, whole: Collection, weighted: bool) -> None:
         self.text = text
         self.whole = whole
@@ -49,7 +51,7 @@ class WordMeasure:
         return sums / self.norms(name, documents)
 
     def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
-        return self.bound(name, documents)
+        return np.full(len(documents), np.inf)  # nothing better is known
 
     def texts(self, name: str) -> Texts:
         """Those of a segment."""
@@ -93,6 +95,8 @@ class IntersectionMeasure(WordMeasure):
 
 class AgreementMeasure:
     """The share of keypoints that match at the agreed offset."""
+
+    promises_bounds = False
 
     def __init__(
         self, text: Text, whole: Collection, window: int, turns: tuple[int, ...], directions: int

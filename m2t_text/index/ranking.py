@@ -20,6 +20,10 @@ SHARE = 1024  # documents that a thread takes at a time, at most
 class Measure(Protocol):
     """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
 
+    @property
+    def promises_bounds(self) -> bool:
+        """Whether what is promised are bounds already."""
+
     def promise(self, name: str, documents: Documents) -> Floats:
         """A guess of what documents (K,) may score, to begin with the best; a wrong one only costs time."""
 
@@ -66,13 +70,15 @@ class Ranking:
         """
         every = np.arange(len(self._documents))
         promise = _joined(self._each(self._measure.promise, every))
-        done = np.argsort(-promise, kind="stable")[: 2 * top]
+        done = _largest(promise, 2 * top)
         scores = self._scores(done, 0.0)
         last = _last(scores, top)
-        bounds = _joined(self._each(self._measure.bound, every, last))
+        bounds = promise
+        if not self._measure.promises_bounds:
+            bounds = _joined(self._each(self._measure.bound, every, last))
         bounds[done] = 0.0
-        order = np.argsort(-bounds, kind="stable")
-        rest = order[bounds[order] > 0]
+        rest = np.flatnonzero((bounds > 0) & (bounds >= last))
+        rest = rest[np.argsort(-bounds[rest], kind="stable")]
         while len(rest) and bounds[rest[0]] >= last:
             # Batches double: few of them, and what the first ones find spares a close look at the later ones.
             batch, rest = np.split(rest[bounds[rest] >= last], [len(done)])
@@ -102,6 +108,13 @@ class Ranking:
 
 def _joined(parts: Sequence[Floats]) -> Floats:
     return np.concatenate([np.zeros(0), *parts])
+
+
+def _largest(values: Floats, count: int) -> NDArray[np.int64]:
+    """The places of the largest values, in any order."""
+    if len(values) <= count:
+        return np.arange(len(values))
+    return np.argpartition(-values, count)[:count]
 
 
 def _last(scores: Scores, top: int) -> float:

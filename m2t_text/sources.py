@@ -11,7 +11,7 @@ from typing import Protocol
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError, SourceError
-from m2t_text.logs import BAGS, Log, Topics, checked_name, dataset_name, is_bag, read_log
+from m2t_text.logs import BAGS, SAVED_MAPS, Log, Topics, checked_name, dataset_name, is_bag, read_log
 
 Tell = Callable[[str, int, int], None]  # stage, done, all
 Progress = Callable[[int, int], None]  # done, all
@@ -86,8 +86,17 @@ def _open_log(path: Path, options: SourceOptions, progress: Progress | None) -> 
     return LogSource(read_log(path, options.name, progress, options.topics))
 
 
+def _open_saved_map(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
+    from m2t_text.saved_maps.source import SavedMap  # compiled code and Pillow, slow to import
+
+    return SavedMap.read(path, options.name)
+
+
 Reader = Callable[[Path, SourceOptions, Progress | None], Source]
-READERS: dict[str, Reader] = dict.fromkeys((".log", ".clf", ".gz", *BAGS), _open_log)
+READERS: dict[str, Reader] = {
+    **dict.fromkeys((".log", ".clf", ".gz", *BAGS), _open_log),
+    **dict.fromkeys(SAVED_MAPS, _open_saved_map),
+}
 
 
 def open_source(path: Path, options: SourceOptions | None = None, progress: Progress | None = None) -> Source:

@@ -6,10 +6,11 @@ from pathlib import Path
 from m2t_text.errors import LogError
 from m2t_text.logs.log import Log, Scan, Topics
 
-__all__ = ["BAGS", "Log", "Scan", "Topics", "dataset_name", "is_bag", "read_log"]
+__all__ = ["BAGS", "SAVED_MAPS", "Log", "Scan", "Topics", "dataset_name", "is_bag", "read_log"]
 
 BAGS = (".bag", ".db3", ".mcap")
-ENDINGS = (".log", ".clf", ".gz", *BAGS)
+SAVED_MAPS = (".yaml", ".yml")
+ENDINGS = (".log", ".clf", ".gz", *BAGS, *SAVED_MAPS)
 NAME_LENGTH = 200  # characters; leaves room for endings within a file system's usual 255
 
 

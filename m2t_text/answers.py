@@ -4,6 +4,9 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from m2t_text.config import MappingParameters
 from m2t_text.errors import QueryError
 from m2t_text.finding import Finding, Found, find
@@ -21,11 +24,13 @@ class SearchOptions:
         top: number of results; 0 for every map.
         exclude_travel: metres; None to exclude nothing.
         verify: whether the best hits are aligned and judged.
+        run: metres of travel in a query that is cut from a log; None for as many as in the maps of the index.
     """
 
     top: int = 10
     exclude_travel: float | None = None
     verify: bool = True
+    run: float | None = None
 
 
 @dataclass(frozen=True)
@@ -74,9 +79,14 @@ def _result(rank: int, result: Found) -> dict[str, Any]:
         "travel": document.travel.tolist(),
         "score": result.hit.score,
         "matched": result.hit.matched,
-        "pose": None if result.pose is None else result.pose.tolist(),
+        "pose": _listed(result.pose),
+        "dataset_pose": _listed(result.dataset_pose),
         "inlier_ratio": result.inlier_ratio,
     }
+
+
+def _listed(pose: NDArray[np.float64] | None) -> list[float] | None:
+    return None if pose is None else pose.tolist()
 
 
 def search(
@@ -88,7 +98,7 @@ def search(
         QueryError, SourceError, TextError: if it names nothing that can be searched.
     """
     begin = perf_counter()
-    query = resolve(target, Context(index.parameters, index, reading or SourceOptions()))
+    query = resolve(target, Context(index.parameters, index, reading or SourceOptions(), options.run))
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     described = perf_counter() - begin

@@ -57,11 +57,21 @@ class Context:
         parameters: those of the index where there is one.
         index: None where there is none; logs and texts need none.
         options: how to read files, with the dataset's name of a log where it is not the file's.
+        run: metres of travel in a map that is cut from a log, 0 for a single scan; None for what the
+            parameters say.
     """
 
     parameters: Parameters
     index: MapIndex | None = None
     options: SourceOptions = field(default_factory=SourceOptions)
+    run: float | None = None
+
+    @property
+    def described(self) -> Parameters:
+        """How a map that is cut from a log is described: as the others, on a run of its own length."""
+        if self.run is None:
+            return self.parameters
+        return replace(self.parameters, mapping=replace(self.parameters.mapping, run_length=self.run))
 
 
 def resolve(target: str, context: Context) -> Query:
@@ -71,12 +81,14 @@ def resolve(target: str, context: Context) -> Query:
         QueryError, SourceError: one line saying what there is instead, or what to try.
         TextError: naming the broken token.
     """
+    run = RUN.fullmatch(target)
+    if context.run is not None and run is None:
+        raise QueryError(f"--run cuts a run out of a log; {target!r} is none, as LOG@METRES or LOG#SCAN is")
     if target == "-":
         return Query(_parsed(_standard_input(), "standard input"))
     if context.index is not None and target in context.index.ids:
         document = context.index.document(target)
         return Query(document.text, document)
-    run = RUN.fullmatch(target)
     if run and (_number(run) is not None or is_source(Path(run["log"]))):
         return _run_of_log(run, context)
     if target.lower().endswith(".txt"):
@@ -95,12 +107,13 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     scan = int(number) if run["kind"] == "#" else _scan_after(number, log, context)
     if scan >= len(log.scans):
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")
-    document = describe_at(log, scan, context.parameters)
+    document = describe_at(log, scan, context.described)
+    way, needed = float(np.ptp(document.travel)), context.described.mapping.run_length
     if context.index is not None and document.map_id in context.index.ids:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
-        return Query(document.text, replace(document, travel=stored.travel, pose=stored.pose))
-    way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
+        travelled = stored.travel if context.run is None else stored.travel[0] + np.array([0.0, way])
+        return Query(document.text, replace(document, travel=travelled, pose=stored.pose))
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
@@ -130,7 +143,7 @@ def _scan_after(metres: float, log: Log, context: Context) -> int:
         place = int(np.searchsorted(way, metres - ROUNDING))
         if place < len(way):
             return place
-        begin = max(0.0, float(way[-1]) - context.parameters.mapping.run_length)
+        begin = max(0.0, float(way[-1]) - context.described.mapping.run_length)
         scan = int(np.searchsorted(way, begin, side="right")) - 1
     raise QueryError(f"{log.name}@{metres:g}: the log's last map begins after {begin:.2f} m, at scan #{scan}")
 

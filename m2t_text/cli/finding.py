@@ -45,6 +45,16 @@ OdometryTopicOption = Annotated[
         show_default="the only one, else tf",
     ),
 ]
+RunOption = Annotated[
+    float | None,
+    typer.Option(
+        "--run",
+        min=0.0,
+        metavar="METRES",
+        help="Travel in a map that is cut from a log; 0 for a single scan.",
+        show_default="as in the index",
+    ),
+]
 TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
 
 
@@ -60,6 +70,7 @@ def search(
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     name: LogNameOption = None,
+    run: RunOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
     as_json: JsonOption = False,
@@ -74,6 +85,7 @@ def search(
     m2t-text search robot/000123 --exclude-travel 10   on other visits only
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
+    m2t-text search new.log#200 --run 0                the single scan 200
     m2t-text inspect robot/000123 | m2t-text search -  a text
     """
     from m2t_text.answers import SearchOptions
@@ -83,7 +95,7 @@ def search(
     from m2t_text.sources import SourceOptions
 
     _check(plot)
-    options = SearchOptions(top, exclude_travel, not no_verify)
+    options = SearchOptions(top, exclude_travel, not no_verify, run)
     reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
     answer = find(query, MapIndex.open(index), options, reading)
     if plot is not None:
@@ -98,6 +110,7 @@ def inspect(
     target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
     index: IndexOption = DEFAULT_INDEX,
     name: LogNameOption = None,
+    run: RunOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
     as_json: JsonOption = False,
@@ -123,7 +136,7 @@ def inspect(
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
     reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
-    found = resolve(target, Context(parameters, opened, reading))
+    found = resolve(target, Context(parameters, opened, reading, run))
     if plot is not None:
         from m2t_text.plots import plot_document
 

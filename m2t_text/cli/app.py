@@ -8,6 +8,7 @@ from m2t_text import __version__
 from m2t_text.cli.finding import info, inspect, search
 from m2t_text.cli.judging import evaluate
 from m2t_text.cli.making import demo, index, simulate
+from m2t_text.cli.map_judging import evaluate_map
 
 app = typer.Typer(
     name="m2t-text",
@@ -15,7 +16,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, simulate, index, search, inspect, info, evaluate):
+for command in (demo, simulate, index, search, inspect, info, evaluate, evaluate_map):
     app.command()(command)
 
 

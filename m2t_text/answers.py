@@ -4,9 +4,6 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from m2t_text.config import MappingParameters
 from m2t_text.errors import QueryError
 from m2t_text.finding import Finding, Found, find
@@ -45,12 +42,13 @@ class Answer:
     def to_json(self) -> dict[str, Any]:
         """The document of ``search --json``."""
         origin = self.query.document
+        driven = origin if self.query.driven else None
         return {
             "query": {
                 "map_id": origin.map_id if origin else None,
                 "dataset": origin.dataset if origin else None,
-                "first_scan": origin.first_scan if origin else None,
-                "last_scan": origin.last_scan if origin else None,
+                "first_scan": driven.first_scan if driven else None,
+                "last_scan": driven.last_scan if driven else None,
                 "keypoints": len(self.query.text),
             },
             "index": {
@@ -64,12 +62,16 @@ class Answer:
                 "verify": self.finding.verify_seconds,
             },
             "verdict": self.finding.verdict,
-            "results": [_result(rank, result) for rank, result in enumerate(self.finding.results, start=1)],
+            "results": [
+                _result(rank, result, driven is not None)
+                for rank, result in enumerate(self.finding.results, start=1)
+            ],
         }
 
 
-def _result(rank: int, result: Found) -> dict[str, Any]:
+def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:
     document = result.hit.document
+    pose = None if result.pose is None else result.pose.tolist()
     return {
         "rank": rank,
         "map_id": document.map_id,
@@ -79,14 +81,11 @@ def _result(rank: int, result: Found) -> dict[str, Any]:
         "travel": document.travel.tolist(),
         "score": result.hit.score,
         "matched": result.hit.matched,
-        "pose": _listed(result.pose),
-        "dataset_pose": _listed(result.dataset_pose),
+        "pose": pose if driven else None,
+        "frame_pose": pose,  # the same, and that of the frame of a query without scans
+        "dataset_pose": None if result.dataset_pose is None else result.dataset_pose.tolist(),
         "inlier_ratio": result.inlier_ratio,
     }
-
-
-def _listed(pose: NDArray[np.float64] | None) -> list[float] | None:
-    return None if pose is None else pose.tolist()
 
 
 def search(
@@ -120,7 +119,7 @@ def inspection(query: Query) -> dict[str, Any]:
         "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
         "centre_of_gravity": centre.tolist(),
         "points": document.points if document else len(text),
-        "travel": document.travel.tolist() if document else None,
+        "travel": document.travel.tolist() if document and document.driven else None,
     }
 
 

@@ -21,12 +21,20 @@ class TextError(M2TError):
     """A text that is not a sequence of tokens."""
 
 
+class CloudError(SourceError):
+    """A point cloud that cannot be read."""
+
+
 class MapIndexError(M2TError):
     """An index that is missing, foreign, of another version, or locked."""
 
 
 class QueryError(M2TError):
     """A query or target that names nothing that exists."""
+
+
+class DamagedError(Exception):
+    """What is wrong with a part of a file; who knows which file and where tells it, or skips the part."""
 
 
 def clean(text: str) -> str:

@@ -5,8 +5,8 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from m2t_text.errors import M2TError, SourceError
 
@@ -18,7 +18,7 @@ def shown(path: Path) -> str:
 
 
 @contextmanager
-def opened(path: Path, failure: type[SourceError]) -> Iterator[BinaryIO]:
+def opened(path: Path, failure: type[SourceError]) -> Iterator[BufferedReader]:
     """A regular file with something in it, open for reading.
 
     Raises a ``failure`` with one line if there is no such file, and if the system refuses to read on.

@@ -36,8 +36,8 @@ class Found:
 
     Attributes:
         hit: as the index found it.
-        pose: (3,) the query's first-scan robot frame in the hit's first-scan robot frame; None where it was not
-            verified, or where the query has no scans.
+        pose: (3,) the query's first-scan robot frame in the hit's first-scan robot frame, or in each case the
+            frame of a map that was not driven; None where it was not verified, or where the query is a text.
         inlier_ratio: of the alignment, None where it was not verified.
         alignment: of the two texts, None where it was not verified.
     """

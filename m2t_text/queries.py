@@ -15,37 +15,51 @@ from m2t_text.errors import QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import Log
-from m2t_text.sources import SourceOptions, is_source, open_log
+from m2t_text.names import CLOUDS, SAVED_MAPS
+from m2t_text.sources import SourceOptions, is_source, open_log, open_source
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
 ROUNDING = 0.005  # m; travel is shown to two decimals, and what is shown must name the same map
 LIMIT = 1 << 26  # bytes; the longest text read, some hundred thousand times a map's
-KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt file, or - for standard input"
+KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt or point cloud file, or - for standard input"
 
 
 @dataclass(frozen=True)
 class Query:
-    """A text to look up or to look at, and the map that it describes; None for a text alone."""
+    """A text to look up or to look at, and the map that it describes; None for a text alone.
+
+    Attributes:
+        warnings: one line for each kind of damage that was skipped in the file that the map comes from.
+        cut: whether the map was cut out of a log, be it a single scan.
+    """
 
     text: Text
     document: Document | None = None
+    warnings: tuple[str, ...] = ()
+    cut: bool = False
 
     @property
     def title(self) -> str:
         """The map's id, if there is a map."""
         return self.document.map_id if self.document else "text"
 
+    @property
+    def driven(self) -> bool:
+        """Whether there is a map that has scans."""
+        return self.document is not None and (self.cut or self.document.driven)
+
     def excluding(self, metres: float | None) -> tuple[str, float, float] | None:
         """What ``MapIndex.search`` leaves out: maps of the same dataset within these metres of travel.
 
         Raises:
-            QueryError: if the query is a text alone.
+            QueryError: if the query is a text alone, or a map that nobody drove.
         """
         if metres is None:
             return None
-        if self.document is None:
-            raise QueryError("a text alone has no travel to exclude; name the map by its id or by its log")
+        if self.document is None or not self.driven:
+            what = "a map that nobody drove" if self.document else "a text alone"
+            raise QueryError(f"{what} has no travel to exclude; name the map by its id or by its log")
         return (self.document.dataset, self.document.middle, metres)
 
 
@@ -93,6 +107,10 @@ def resolve(target: str, context: Context) -> Query:
         return _run_of_log(run, context)
     if target.lower().endswith(".txt"):
         return Query(_parsed(_contents(Path(target)), repr(target)))
+    if Path(target).suffix.lower() in CLOUDS:
+        source = open_source(target, context.options)
+        (document,) = source.describe(context.parameters, 1, lambda stage, done, of: None).documents
+        return Query(document.text, document, source.warnings)
     raise QueryError(_unknown(target, context))
 
 
@@ -113,13 +131,14 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
         travelled = stored.travel if context.run is None else stored.travel[0] + np.array([0.0, way])
-        return Query(document.text, replace(document, travel=travelled, pose=stored.pose))
+        document = replace(document, travel=travelled, pose=stored.pose)
+        return Query(document.text, document, log.warnings, cut=True)
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    return Query(document.text, document)
+    return Query(document.text, document, log.warnings, cut=True)
 
 
 def _number(run: re.Match[str]) -> float | None:
@@ -180,6 +199,8 @@ def _parsed(contents: bytes, where: str) -> Text:
 
 def _unknown(target: str, context: Context) -> str:
     """Why a string names nothing, and what to try."""
+    if Path(target).suffix.lower() in SAVED_MAPS and Path(target).is_file():
+        return f"{target!r} is a whole map; index it, and name one of its local maps, or look up a log in it"
     if is_source(Path(target)):
         return f"{target!r} is a whole log; name a run of it, as {target}@12.5 (metres) or {target}#40 (scan)"
     named = MAP_ID.fullmatch(target)

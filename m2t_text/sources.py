@@ -1,17 +1,21 @@
 """Sources: whatever can be indexed, as one kind of thing. The ending of a file tells how it is read."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError, SourceError
-from m2t_text.logs import BAGS, SAVED_MAPS, Log, Topics, checked_name, dataset_name, is_bag, read_log
+from m2t_text.logs import Log, Topics, read_log
+from m2t_text.names import BAGS, CLOUDS, LOGS, SAVED_MAPS, checked_name, dataset_name, is_bag
+
+if TYPE_CHECKING:
+    from m2t_text.clouds import Cloud
 
 Tell = Callable[[str, int, int], None]  # stage, done, all
 Progress = Callable[[int, int], None]  # done, all
@@ -24,10 +28,18 @@ class SourceOptions:
     Attributes:
         name: of the dataset; None for that of the file.
         topics: of a bag.
+        height: metres, the band to which a cloud of three dimensions is cut; None for one above its floor.
+
+    Raises M2TError if that is no band.
     """
 
     name: str | None = None
     topics: Topics = field(default_factory=Topics)
+    height: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.height is not None and not self.height[0] < self.height[1]:  # nor is it with a NaN
+            raise M2TError("--height takes two heights in metres, the lower one first, as --height 0.3 1.5")
 
 
 @dataclass(frozen=True)
@@ -82,8 +94,37 @@ class LogSource:
         return Described(chain([first], documents), (len(self.log.scans), float(whole.way[-1])))
 
 
+@dataclass(frozen=True)
+class CloudSource:
+    """A point cloud: one map, which nobody drove."""
+
+    cloud: "Cloud"
+
+    @property
+    def name(self) -> str:
+        return self.cloud.name
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.cloud.warnings
+
+    def describe(self, parameters: Parameters, jobs: int, tell: Tell) -> Described:
+        from m2t_text.pipeline import describe  # compiled code, slow to import
+
+        tell("maps", 0, 1)
+        document = describe(self.cloud.local_map(parameters.mapping.cell), self.name, parameters)
+        tell("maps", 1, 1)
+        return Described(iter([document]), (0, 0.0))
+
+
 def _open_log(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
     return LogSource(read_log(path, options.name, progress, options.topics))
+
+
+def _open_cloud(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
+    from m2t_text.clouds import read_cloud  # compiled code, slow to import
+
+    return CloudSource(read_cloud(path, options.name, options.height, progress))
 
 
 def _open_saved_map(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
@@ -93,20 +134,24 @@ def _open_saved_map(path: Path, options: SourceOptions, progress: Progress | Non
 
 
 Reader = Callable[[Path, SourceOptions, Progress | None], Source]
-READERS: dict[str, Reader] = {
-    **dict.fromkeys((".log", ".clf", ".gz", *BAGS), _open_log),
+READERS: Mapping[str, Reader] = {
+    **dict.fromkeys((*LOGS, *BAGS), _open_log),
+    **dict.fromkeys(CLOUDS, _open_cloud),
     **dict.fromkeys(SAVED_MAPS, _open_saved_map),
 }
 
 
-def open_source(path: Path, options: SourceOptions | None = None, progress: Progress | None = None) -> Source:
+def open_source(
+    path: str | Path, options: SourceOptions | None = None, progress: Progress | None = None
+) -> Source:
     """Read a source by the reader of its ending; what has any other, and the folder of a bag, is a laser log.
 
     ``progress`` is told (done, all). Raises SourceError with one line that says what is wrong, where, and what
     to do.
     """
-    reader = READERS.get(path.suffix.lower(), _open_log)
-    return reader(path, options or SourceOptions(), progress)
+    file = Path(path)
+    reader = _open_log if file.is_dir() else READERS.get(file.suffix.lower(), _open_log)
+    return reader(file, options or SourceOptions(), progress)
 
 
 def open_log(path: Path, options: SourceOptions | None = None, progress: Progress | None = None) -> Log:

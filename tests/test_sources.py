@@ -5,12 +5,14 @@ import shutil
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
 from bags import Messages, Sent
 from calling import Call
 from likeness import alike
 
 from m2t_text.errors import M2TError, SourceError
+from m2t_text.geometry import compose, transform
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
 from m2t_text.sources import dataset_names
@@ -95,3 +97,94 @@ def test_the_folder_that_one_is_in_may_be_a_bag(call: Call, bag: Path, monkeypat
     monkeypatch.chdir(bag)
     assert call("index", ".", "--index", index, "--scan-topic", "scan")[0] == 0
     assert MapIndex.open(index).ids[0] == "drive/000000"
+
+
+# --- Point clouds
+
+
+@pytest.fixture
+def cloud(simulated_index: Path) -> Path:
+    """``room.xyz``: the keypoints of a map of the simulated drive, in a frame of their own."""
+    document = MapIndex.open(simulated_index).document("drive/000040")
+    np.savetxt("room.xyz", transform(FRAME, document.text.positions() * 0.1))
+    return Path("room.xyz")
+
+
+FRAME = np.array([30.0, -20.0, 0.5])  # of the map's viewpoint in the cloud
+
+
+def test_a_cloud_finds_the_place_that_it_shows(call: Call, cloud: Path, simulated_index: Path) -> None:
+    status, out, err = call("search", cloud, "--index", simulated_index, "--json", "--top", 3)
+    answer = json.loads(out)
+    assert (status, err) == (0, "")
+    assert answer["query"] == {
+        "map_id": "room/000000",
+        "dataset": "room",
+        "first_scan": None,
+        "last_scan": None,
+        "keypoints": pytest.approx(len(np.loadtxt(cloud)), rel=0.2),
+    }
+    first = answer["results"][0]
+    assert abs(first["first_scan"] - 40) <= 5 and first["inlier_ratio"] > 0.8
+    assert first["pose"] is None  # the query has no scans, but a frame
+    viewpoint = MapIndex.open(simulated_index).document(first["map_id"]).viewpoint
+    assert compose(first["frame_pose"], FRAME)[:2] == pytest.approx(viewpoint[:2], abs=0.3)
+    assert "room/000000" in call("search", cloud, "--index", simulated_index)[1]
+
+
+def test_a_cloud_is_a_dataset_of_one_map(call: Call, cloud: Path, simulated: Path) -> None:
+    status, out, err = call("index", cloud, simulated, "--index", "i", "--profile", "paper")
+    assert (status, err) == (0, "") and "room" in out
+    held = {one["name"]: one for one in json.loads(call("info", "--index", "i", "--json")[1])["datasets"]}
+    assert held["room"] == {"name": "room", "maps": 1, "scans": 0, "travel": 0.0}
+    shown = [
+        json.loads(call("inspect", target, "--index", "i", "--json")[1]) for target in (cloud, "room/000000")
+    ]
+    assert shown[0] == shown[1] and shown[0]["travel"] is None
+    assert shown[0]["viewpoint"][:2] == pytest.approx(shown[0]["centre_of_gravity"])
+    answer = json.loads(call("search", cloud, "--index", "i", "--json", "--top", 1)[1])
+    assert answer["results"][0]["map_id"] == "room/000000" and answer["results"][0]["travel"] == [0.0, 0.0]
+    assert call("index", cloud, "--index", "i")[0] == 0 and MapIndex.open("i").ids.count("room/000000") == 1
+
+
+def test_a_cloud_of_three_dimensions_is_cut(call: Call, cloud: Path) -> None:
+    wall = np.loadtxt(cloud)
+    levels = ((wall[::2], 1.0), (wall, 2.0), (wall[::3], 3.0))
+    np.save("room.npy", np.concatenate([np.column_stack([xy, np.full(len(xy), z)]) for xy, z in levels]))
+    flat = call("inspect", cloud)[1]
+    for options in ((), ("--height", 1.9, 2.1), ("--height", -5, 9)):
+        assert call("inspect", "room.npy", *options)[1] == flat
+    assert call("inspect", "room.npy", "--height", 0.5, 1.5)[1] != flat
+    cut = "cut to heights of 1.30 to 2.50 m; --height names others\n"
+    assert call("inspect", "room.npy")[2] == f"warning: room/000000: {cut}"
+    status, _, err = call("index", "room.npy", "--index", "i")
+    assert status == 0 and err == f"warning: room: {cut}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["index", "room.xyz", "room.csv"], "2 sources would be the dataset 'room'"),
+        (["index", "large.npy"], "spans 6,000 by 6,000 m, a map at most 1,000: is it in millimetres?"),
+        (["inspect", "large.npy"], "is it in millimetres?"),
+        (["search", "small.npy", "--index", "INDEX"], "small: 1 cells of 0.1 m are occupied"),
+        (["search", "missing.pcd", "--index", "INDEX"], "missing.pcd does not exist"),
+        (
+            ["search", "room.xyz", "--index", "INDEX", "--exclude-travel", "3"],
+            "a map that nobody drove has no travel to exclude",
+        ),
+        (["inspect", "room.xyz", "--height", "2", "1"], "--height takes two heights in metres"),
+        (["inspect", "room.xyz", "--height", "2"], "--height"),
+        (["inspect", "room.xyz@3"], "'room.xyz' is a map without scans"),
+        (["evaluate", "room.xyz"], "'room.xyz' is a map without scans; name a laser log"),
+    ],
+)
+def test_a_wrong_call_with_a_cloud_gets_one_line(
+    call: Call, cloud: Path, simulated_index: Path, arguments: list[str], message: str
+) -> None:
+    Path("room.csv").write_bytes(cloud.read_bytes())
+    np.save("small.npy", np.zeros((20, 2)))
+    np.save("large.npy", np.random.default_rng(0).uniform(0, 6000, (50, 2)).round(-3))
+    status, out, err = call(*(str(simulated_index) if word == "INDEX" else word for word in arguments))
+    assert (status, out) == (2, "") and message in err
+    assert err.startswith("m2t-text: ") and err.count("\n") == 1

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from m2t_text.answers import Answer
     from m2t_text.index.store import MapIndex
+    from m2t_text.queries import Query
 
 DEFAULT_INDEX = Path("indexes/default")
 
@@ -55,7 +56,19 @@ RunOption = Annotated[
         show_default="as in the index",
     ),
 ]
-TARGETS = "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text."
+HeightOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--height",
+        metavar="FROM TO",
+        help="Cut a cloud to these heights, in metres.",
+        show_default="0.3 to 1.5 above its floor",
+    ),
+]
+TARGETS = (
+    "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text; "
+    "a point cloud."
+)
 
 
 def search(
@@ -73,6 +86,7 @@ def search(
     run: RunOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -87,6 +101,7 @@ def search(
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
     m2t-text search new.log#200 --run 0                the single scan 200
     m2t-text inspect robot/000123 | m2t-text search -  a text
+    m2t-text search room.pcd --height 0.2 1.0          a point cloud
     """
     from m2t_text.answers import SearchOptions
     from m2t_text.answers import search as find
@@ -96,8 +111,9 @@ def search(
 
     _check(plot)
     options = SearchOptions(top, exclude_travel, not no_verify, run)
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     answer = find(query, MapIndex.open(index), options, reading)
+    _warn(answer.query)
     if plot is not None:
         _draw(answer, plot)
     if as_json:
@@ -113,6 +129,7 @@ def inspect(
     run: RunOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -135,8 +152,9 @@ def inspect(
     _check(plot)
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     found = resolve(target, Context(parameters, opened, reading, run))
+    _warn(found)
     if plot is not None:
         from m2t_text.plots import plot_document
 
@@ -200,6 +218,11 @@ def _draw(answer: "Answer", path: Path) -> None:
     found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
     plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
     note(f"drew {path}")
+
+
+def _warn(query: "Query") -> None:
+    for warning in query.warnings:
+        note(f"warning: {query.title}: {warning}")
 
 
 def _check(plot: Path | None) -> None:

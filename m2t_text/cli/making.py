@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from m2t_text.cli.console import bars, complain, note, print_lines, print_table
-from m2t_text.cli.finding import DEFAULT_INDEX, IndexOption, OdometryTopicOption, ScanTopicOption
+from m2t_text.cli.finding import DEFAULT_INDEX, HeightOption, IndexOption, OdometryTopicOption, ScanTopicOption
 from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
 from m2t_text.workers import cores
@@ -74,7 +74,11 @@ def simulate(
 def index(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="SOURCE...", help="Laser logs: CARMEN .log, .clf, .gz; ROS .bag, .db3, .mcap."),
+        typer.Argument(
+            metavar="SOURCE...",
+            help="Laser logs: CARMEN .log, .clf, .gz; ROS .bag, .db3, .mcap or the folder of a bag. "
+            "Point clouds: .pcd, .ply, .xyz, .csv, .npy.",
+        ),
     ],
     index: IndexOption = DEFAULT_INDEX,
     profile: Annotated[
@@ -92,10 +96,12 @@ def index(
     ] = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
 ) -> None:
     """Describe every local map of laser logs as text, and put the texts into an index.
 
-    A dataset that the index already holds is replaced. All sources are committed together at the end.
+    A point cloud is one map. A dataset that the index already holds is replaced. All sources are committed
+    together at the end.
 
     [bold]Examples[/bold]
 
@@ -104,13 +110,14 @@ def index(
     m2t-text index monday.log tuesday.log.gz --index indexes/office
     m2t-text index robot.log --index indexes/paper --profile paper
     m2t-text index drive.mcap --scan-topic /front/scan
+    m2t-text index rooms/*.pcd --height 0.2 1.0
     """
     from m2t_text.index.store import MapIndex
     from m2t_text.indexing import Request, index_sources
     from m2t_text.logs import Topics
     from m2t_text.sources import SourceOptions
 
-    options = SourceOptions(name, Topics(scan_topic, odometry_topic))
+    options = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     with bars() as progress:
         report = index_sources(Request(sources, index, profile, cores(jobs), options), progress)
     for dataset in report.indexed:

@@ -10,12 +10,14 @@ from m2t_text.description.text import Text
 
 @dataclass(frozen=True)
 class Document:
-    """What the index keeps of one local map. ``first_scan`` is None for a map without scans.
+    """What the index keeps of one local map. One that was not driven, as a point cloud, has only its own frame,
+    which stands for that of its first scan.
 
     Attributes:
         dataset: name of the log or map source.
-        first_scan, last_scan: indices of the scans of the run in their log.
-        travel: (2,) metres of travel at the run's begin and end.
+        first_scan, last_scan: indices of the scans of the run in their log; without a run both are the
+            map's number in its dataset.
+        travel: (2,) metres of travel at the run's begin and end; equal without a run.
         pose: (3,) of the first scan's robot frame in the frame of the dataset's trajectory.
         viewpoint: (3,) planned viewpoint and direction, in the first scan's robot frame.
         centre_of_gravity: (2,) of the map's occupied cells, in the first scan's robot frame.
@@ -37,6 +39,11 @@ class Document:
     def map_id(self) -> str:
         """``<dataset>/<first scan, six digits>``."""
         return f"{self.dataset}/{self.first_scan:06d}"
+
+    @property
+    def driven(self) -> bool:
+        """Whether the map is that of a run, with scans."""
+        return bool(self.travel[1] > self.travel[0])
 
     @property
     def middle(self) -> float:

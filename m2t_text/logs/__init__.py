@@ -3,15 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from m2t_text.errors import LogError
 from m2t_text.logs.log import Log, Scan, Topics
+from m2t_text.names import checked_name, dataset_name, is_bag
 
-__all__ = ["BAGS", "SAVED_MAPS", "Log", "Scan", "Topics", "dataset_name", "is_bag", "read_log"]
-
-BAGS = (".bag", ".db3", ".mcap")
-SAVED_MAPS = (".yaml", ".yml")
-ENDINGS = (".log", ".clf", ".gz", *BAGS, *SAVED_MAPS)
-NAME_LENGTH = 200  # characters; leaves room for endings within a file system's usual 255
+__all__ = ["Log", "Scan", "Topics", "checked_name", "dataset_name", "is_bag", "read_log"]
 
 
 def read_log(
@@ -34,27 +29,3 @@ def read_log(
     from m2t_text.logs.carmen import read_carmen
 
     return read_carmen(file, name, progress)
-
-
-def is_bag(path: Path) -> bool:
-    """Whether it is named as a ROS bag, or is the folder of one."""
-    return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in BAGS
-
-
-def dataset_name(path: Path | str) -> str:
-    """The file's name without its endings: ``a/fr079.log.gz`` -> ``fr079``. Raises LogError if it is unsafe."""
-    name = Path(path).absolute().name
-    while name.lower().endswith(ENDINGS):
-        name = name[: name.rindex(".")]
-    return checked_name(name)
-
-
-def checked_name(name: str) -> str:
-    """The name itself if it can name a dataset; raises LogError if not."""
-    safe = name.isprintable() and "/" not in name and name.strip() not in ("", ".", "..")
-    if not safe or len(name) > NAME_LENGTH:
-        shown = repr(name if len(name) <= 60 else name[:60] + "...")
-        raise LogError(
-            f"{shown} cannot name a dataset: give a name of 1 to {NAME_LENGTH} printable characters without '/'"
-        )
-    return name

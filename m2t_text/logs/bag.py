@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import LogError, clean
+from m2t_text.errors import DamagedError, LogError, clean
 from m2t_text.files import shown
 from m2t_text.logs import checked_name, dataset_name
 from m2t_text.logs.frames import planar
-from m2t_text.logs.lines import DamagedError, Progress
+from m2t_text.logs.lines import Progress
 from m2t_text.logs.log import Log, Topics
 from m2t_text.logs.odometry import Track, interpolate
 from m2t_text.logs.recording import Recording

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import LogError
+from m2t_text.errors import DamagedError, LogError
 from m2t_text.files import shown
 from m2t_text.logs import checked_name, dataset_name
-from m2t_text.logs.lines import Damage, DamagedError, Progress, read_lines
+from m2t_text.logs.lines import Damage, Progress, read_lines
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import Track, separate
 

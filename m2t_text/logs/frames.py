@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.logs.lines import DamagedError
+from m2t_text.errors import DamagedError
 
 Floats = NDArray[np.float64]
 

@@ -18,10 +18,6 @@ PROGRESS_STEP = 256  # lines between two calls of progress
 Progress = Callable[[int, int], None]
 
 
-class DamagedError(Exception):
-    """A line or message that cannot be used; its text is the kind of damage."""
-
-
 @dataclass
 class Damage:
     """What was skipped: for each kind, how many times and on which line (or other unit) first."""

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from m2t_text.errors import DamagedError
 from m2t_text.logs.frames import LIMIT, Frames, planar, rigid
-from m2t_text.logs.lines import Damage, DamagedError
+from m2t_text.logs.lines import Damage
 from m2t_text.logs.log import Scan
 from m2t_text.logs.ros import LASER, ODOMETRY, TRANSFORMS, Message
 

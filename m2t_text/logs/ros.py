@@ -14,9 +14,9 @@ from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any
 
-from m2t_text.errors import LogError, clean
+from m2t_text.errors import DamagedError, LogError, clean
 from m2t_text.files import opened, shown
-from m2t_text.logs.lines import PROGRESS_STEP, Damage, DamagedError, Progress
+from m2t_text.logs.lines import PROGRESS_STEP, Damage, Progress
 
 LASER = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"

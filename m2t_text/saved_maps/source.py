@@ -8,7 +8,7 @@ import numpy as np
 
 from m2t_text.config import Parameters
 from m2t_text.errors import MapFileError
-from m2t_text.logs import checked_name, dataset_name
+from m2t_text.names import checked_name, dataset_name
 from m2t_text.pipeline import describe_all
 from m2t_text.saved_maps.grid import Grid
 from m2t_text.saved_maps.reading import read_map

@@ -205,6 +205,10 @@ def _print_answer(answer: "Answer") -> None:
         f"verified in {finding.verify_seconds:.2f} s"
     )
     print_lines(f"verdict: {finding.verdict}")
+    place = finding.results[0].dataset_pose if finding.results else None
+    if place is not None:
+        best = finding.results[0].hit.document.dataset
+        print_lines("pose in the frame of {}: {:.2f} {:.2f} {:.0f}°".format(best, *_degrees(place)))
     print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
 
 

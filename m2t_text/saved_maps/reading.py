@@ -28,7 +28,6 @@ USUAL = {"occupied_thresh": 0.65, "free_thresh": 0.196}  # what map_saver writes
 # What map_saver draws for occupied, unknown and free. Nav2's writes a free_thresh by which the second is free.
 BLACK, GREY, WHITE = 0, 205, 254
 BROKEN = (  # what Pillow raises on a damaged image
-    Image.DecompressionBombError,
     EOFError,
     IndexError,
     KeyError,
@@ -160,17 +159,15 @@ def _pixels(file: BinaryIO, path: Path) -> tuple[Floats, NDArray[np.bool_]]:
             image = Image.open(file, formats=FORMATS)
             columns, rows = image.size
             if columns * rows > CELLS:
-                raise MapFileError(
-                    f"{shown(path)} has {columns} x {rows} cells, more than {CELLS:,}: cut it down"
-                )
+                raise Image.DecompressionBombError  # as Pillow says of even larger ones
             return _channels(image)
     except UnidentifiedImageError as error:
         raise MapFileError(f"{shown(path)} is no image: save the map as PGM or PNG") from error
+    except Image.DecompressionBombError as error:
+        raise MapFileError(f"{shown(path)} has more than {CELLS:,} cells: save a part of the map") from error
     except BROKEN as error:
         reason = str(error) or type(error).__name__
-        raise MapFileError(
-            f"{shown(path)} cannot be read as an image ({reason}): save the map again"
-        ) from error
+        raise MapFileError(f"{shown(path)} is a damaged image ({reason}): save the map again") from error
 
 
 def _channels(image: Image.Image) -> tuple[Floats, NDArray[np.bool_]]:
@@ -188,14 +185,18 @@ def _channels(image: Image.Image) -> tuple[Floats, NDArray[np.bool_]]:
 
 def _states(pixels: Floats, opaque: NDArray[np.bool_], header: Header) -> tuple[States, tuple[str, ...]]:
     """What map_server makes of the pixels, and a warning where its rule cannot be meant."""
-    occupancy = pixels / 255 if header.negate else 1 - pixels / 255
+    occupancy = (pixels if header.negate else 255 - pixels) / 255
     unknown = np.zeros(pixels.shape, dtype=np.bool_)
     odd: tuple[str, ...] = ()
     if header.mode == "raw":
         occupancy, unknown = pixels / 100, pixels > 100
     elif header.mode == "scale":
         unknown = ~opaque
-    elif not header.negate and header.free > 1 - GREY / 255 and set(np.unique(pixels)) == {BLACK, GREY, WHITE}:
+    elif (
+        not header.negate
+        and header.free > (255 - GREY) / 255
+        and set(np.unique(pixels)) == {BLACK, GREY, WHITE}
+    ):
         unknown = pixels == GREY
         odd = (f"pixels of {GREY} are taken as unknown; free_thresh {header.free:g} would make them free",)
     states = np.full(pixels.shape, UNKNOWN, dtype=np.int8)

@@ -23,11 +23,13 @@ class SearchOptions:
         top: number of results; 0 for every map.
         exclude_travel: metres; None to exclude nothing.
         verify: whether the best hits are aligned and judged.
+        run: metres of travel in a query that is cut from a log; None for as many as in the maps of the index.
     """
 
     top: int = 10
     exclude_travel: float | None = None
     verify: bool = True
+    run: float | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Answer:
     def to_json(self) -> dict[str, Any]:
         """The document of ``search --json``."""
         origin = self.query.document
-        driven = origin if origin and origin.driven else None
+        driven = origin if self.query.driven else None
         return {
             "query": {
                 "map_id": origin.map_id if origin else None,
@@ -83,6 +85,7 @@ def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:
         "matched": result.hit.matched,
         "pose": pose if driven else None,
         "frame_pose": pose,  # the same, and that of the frame of a query without scans
+        "dataset_pose": None if result.dataset_pose is None else result.dataset_pose.tolist(),
         "inlier_ratio": result.inlier_ratio,
     }
 
@@ -107,7 +110,7 @@ def search(
     """
     begin = perf_counter()
     index = index.pinned()
-    query = resolve(target, Context(index.parameters, index, reading or SourceOptions()))
+    query = resolve(target, Context(index.parameters, index, reading or SourceOptions(), options.run))
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     described = perf_counter() - begin

@@ -17,6 +17,10 @@ class LogError(SourceError):
     """A laser log that cannot be read."""
 
 
+class MapFileError(SourceError):
+    """A saved map that cannot be read or written."""
+
+
 class TextError(M2TError):
     """A text that is not a sequence of tokens."""
 

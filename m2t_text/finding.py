@@ -53,6 +53,12 @@ class Found:
         """(3,) pose of the query's frame in the hit's: verified, or else as the score found it."""
         return self.alignment.pose if self.alignment else self.hit.alignment
 
+    @property
+    def dataset_pose(self) -> Floats | None:
+        """(3,) the query's first-scan robot frame in the frame of the hit's dataset, that of its trajectory or
+        map; None where ``pose`` is."""
+        return None if self.pose is None else compose(self.hit.document.pose, self.pose)
+
 
 @dataclass(frozen=True)
 class Finding:

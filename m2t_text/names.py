@@ -7,7 +7,8 @@ from m2t_text.errors import SourceError
 LOGS = (".log", ".clf", ".gz")
 BAGS = (".bag", ".db3", ".mcap")
 CLOUDS = (".pcd", ".ply", ".xyz", ".csv", ".npy")
-ENDINGS = (*LOGS, *BAGS, *CLOUDS)
+SAVED_MAPS = (".yaml", ".yml")
+ENDINGS = (*LOGS, *BAGS, *CLOUDS, *SAVED_MAPS)
 NAME_LENGTH = 200  # characters; leaves room for endings within a file system's usual 255
 
 

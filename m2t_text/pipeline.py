@@ -1,6 +1,6 @@
 """From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
@@ -20,6 +20,7 @@ from m2t_text.mapping.window import local_map_at
 from m2t_text.workers import follow_parent
 
 Progress = Callable[[str, int, int], None]  # stage, done, all
+Maps = Callable[[NDArray[np.int64]], Iterable[LocalMap]]  # those of some numbers; it goes to other processes
 
 CHUNK = 64  # maps described between two steps of a progress bar
 
@@ -86,14 +87,30 @@ def describe_survey(
     The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all). Maps that begin
     less than ``spacing`` metres of travel after the one before are left out.
     """
-    tell = progress or _silent
     starts = run_starts(whole, parameters.mapping.run_length, spacing)
-    chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
+    maps = partial(local_maps, whole, parameters.mapping)
+    return describe_all(maps, starts, dataset, parameters, jobs, progress)
+
+
+def describe_all(
+    maps: Maps,
+    numbers: NDArray[np.int64],
+    dataset: str,
+    parameters: Parameters,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Iterator[Document]:
+    """The documents of all local maps that ``maps`` makes of the ``numbers``, in their order.
+
+    The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all).
+    """
+    tell = progress or _silent
+    chunks = [numbers[k : k + CHUNK] for k in range(0, len(numbers), CHUNK)]
     done = 0
-    for documents in _described(whole, chunks, dataset, parameters, jobs):
+    for documents in _described(maps, chunks, dataset, parameters, jobs):
         yield from documents
         done += len(documents)
-        tell("maps", done, len(starts))
+        tell("maps", done, len(numbers))
 
 
 def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
@@ -114,27 +131,27 @@ def _silent(stage: str, done: int, of: int) -> None:
     """Progress that nobody watches."""
 
 
-_worker: tuple[Survey, str, Parameters]
+_worker: tuple[Maps, str, Parameters]
 
 
 def _described(
-    whole: Survey, chunks: list[NDArray[np.int64]], dataset: str, parameters: Parameters, jobs: int
+    maps: Maps, chunks: list[NDArray[np.int64]], dataset: str, parameters: Parameters, jobs: int
 ) -> Iterator[list[Document]]:
     if jobs <= 1 or len(chunks) <= 1:
         for chunk in chunks:
-            yield [describe(m, dataset, parameters) for m in local_maps(whole, parameters.mapping, chunk)]
+            yield [describe(m, dataset, parameters) for m in maps(chunk)]
         return
-    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(whole, dataset, parameters)) as pool:
+    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(maps, dataset, parameters)) as pool:
         yield from pool.map(_work, chunks)
 
 
-def _start(whole: Survey, dataset: str, parameters: Parameters) -> None:
-    """Makes a process of the pool ready: it gets the survey once, and not with every chunk."""
+def _start(maps: Maps, dataset: str, parameters: Parameters) -> None:
+    """Makes a process of the pool ready: it gets what maps are made of once, and not with every chunk."""
     global _worker  # noqa: PLW0603
-    _worker = (whole, dataset, parameters)
+    _worker = (maps, dataset, parameters)
     follow_parent()
 
 
 def _work(chunk: NDArray[np.int64]) -> list[Document]:
-    whole, dataset, parameters = _worker
-    return [describe(m, dataset, parameters) for m in local_maps(whole, parameters.mapping, chunk)]
+    maps, dataset, parameters = _worker
+    return [describe(m, dataset, parameters) for m in maps(chunk)]

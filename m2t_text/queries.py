@@ -15,7 +15,7 @@ from m2t_text.errors import QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import Log
-from m2t_text.names import CLOUDS
+from m2t_text.names import CLOUDS, SAVED_MAPS
 from m2t_text.sources import SourceOptions, is_source, open_log, open_source
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
@@ -29,12 +29,15 @@ KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt or point cloud fi
 class Query:
     """A text to look up or to look at, and the map that it describes; None for a text alone.
 
-    ``warnings`` has one line for each kind of damage that was skipped in the file it comes from.
+    Attributes:
+        warnings: one line for each kind of damage that was skipped in the file that the map comes from.
+        cut: whether the map was cut out of a log, be it a single scan.
     """
 
     text: Text
     document: Document | None = None
     warnings: tuple[str, ...] = ()
+    cut: bool = False
 
     @classmethod
     def of(cls, document: Document, warnings: tuple[str, ...] = ()) -> "Query":
@@ -46,6 +49,11 @@ class Query:
         """The map's id, if there is a map."""
         return self.document.map_id if self.document else "text"
 
+    @property
+    def driven(self) -> bool:
+        """Whether there is a map that has scans."""
+        return self.document is not None and (self.cut or self.document.driven)
+
     def excluding(self, metres: float | None) -> tuple[str, float, float] | None:
         """What ``MapIndex.search`` leaves out: maps of the same dataset within these metres of travel.
 
@@ -54,8 +62,8 @@ class Query:
         """
         if metres is None:
             return None
-        if self.document is None or not self.document.driven:
-            what = "a cloud" if self.document else "a text alone"
+        if self.document is None or not self.driven:
+            what = "a map that nobody drove" if self.document else "a text alone"
             raise QueryError(f"{what} has no travel to exclude; name the map by its id or by its log")
         return (self.document.dataset, self.document.middle, metres)
 
@@ -68,11 +76,21 @@ class Context:
         parameters: those of the index where there is one.
         index: None where there is none; logs and texts need none.
         options: how to read files, with the dataset's name of a log where it is not the file's.
+        run: metres of travel in a map that is cut from a log, 0 for a single scan; None for what the
+            parameters say.
     """
 
     parameters: Parameters
     index: MapIndex | None = None
     options: SourceOptions = field(default_factory=SourceOptions)
+    run: float | None = None
+
+    @property
+    def described(self) -> Parameters:
+        """How a map that is cut from a log is described: as the others, on a run of its own length."""
+        if self.run is None:
+            return self.parameters
+        return replace(self.parameters, mapping=replace(self.parameters.mapping, run_length=self.run))
 
 
 def resolve(target: str, context: Context) -> Query:
@@ -82,11 +100,13 @@ def resolve(target: str, context: Context) -> Query:
         QueryError, SourceError: one line saying what there is instead, or what to try.
         TextError: naming the broken token.
     """
+    run = RUN.fullmatch(target)
+    if context.run is not None and run is None:
+        raise QueryError(f"--run cuts a run out of a log; {target!r} is none, as LOG@METRES or LOG#SCAN is")
     if target == "-":
         return Query(_parsed(_standard_input(), "standard input"))
     if context.index is not None and target in context.index.ids:
         return Query.of(context.index.document(target))
-    run = RUN.fullmatch(target)
     if run and (_number(run) is not None or is_source(Path(run["log"]))):
         return _run_of_log(run, context)
     if target.lower().endswith(".txt"):
@@ -109,18 +129,20 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     scan = int(number) if run["kind"] == "#" else _scan_after(number, log, context)
     if scan >= len(log.scans):
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")
-    document = describe_at(log, scan, context.parameters)
+    document = describe_at(log, scan, context.described)
+    way, needed = float(np.ptp(document.travel)), context.described.mapping.run_length
     if context.index is not None and document.map_id in context.index.ids:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
-        return Query.of(replace(document, travel=stored.travel, pose=stored.pose), log.warnings)
-    way, needed = float(np.ptp(document.travel)), context.parameters.mapping.run_length
+        travelled = stored.travel if context.run is None else stored.travel[0] + np.array([0.0, way])
+        document = replace(document, travel=travelled, pose=stored.pose)
+        return Query(document.text, document, log.warnings, cut=True)
     if document.last_scan == len(log.scans) - 1 and way < needed:
         raise QueryError(
             f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
             "name an earlier one"
         )
-    return Query.of(document, log.warnings)
+    return Query(document.text, document, log.warnings, cut=True)
 
 
 def _number(run: re.Match[str]) -> float | None:
@@ -144,7 +166,7 @@ def _scan_after(metres: float, log: Log, context: Context) -> int:
         place = int(np.searchsorted(way, metres - ROUNDING))
         if place < len(way):
             return place
-        begin = max(0.0, float(way[-1]) - context.parameters.mapping.run_length)
+        begin = max(0.0, float(way[-1]) - context.described.mapping.run_length)
         scan = int(np.searchsorted(way, begin, side="right")) - 1
     raise QueryError(f"{log.name}@{metres:g}: the log's last map begins after {begin:.2f} m, at scan #{scan}")
 
@@ -181,6 +203,8 @@ def _parsed(contents: bytes, where: str) -> Text:
 
 def _unknown(target: str, context: Context) -> str:
     """Why a string names nothing, and what to try."""
+    if Path(target).suffix.lower() in SAVED_MAPS and Path(target).is_file():
+        return f"{target!r} is a whole map; index it, and name one of its local maps, or look up a log in it"
     if is_source(Path(target)):
         return f"{target!r} is a whole log; name a run of it, as {target}@12.5 (metres) or {target}#40 (scan)"
     named = MAP_ID.fullmatch(target)

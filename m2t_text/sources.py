@@ -12,7 +12,7 @@ from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError, SourceError
 from m2t_text.logs import Log, Topics, read_log
-from m2t_text.names import BAGS, CLOUDS, LOGS, checked_name, dataset_name, is_bag
+from m2t_text.names import BAGS, CLOUDS, LOGS, SAVED_MAPS, checked_name, dataset_name, is_bag
 
 if TYPE_CHECKING:
     from m2t_text.clouds import Cloud
@@ -127,8 +127,18 @@ def _open_cloud(path: Path, options: SourceOptions, progress: Progress | None) -
     return CloudSource(read_cloud(path, options.name, options.height, progress))
 
 
+def _open_saved_map(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
+    from m2t_text.saved_maps.source import SavedMap  # compiled code and Pillow, slow to import
+
+    return SavedMap.read(path, options.name)
+
+
 Reader = Callable[[Path, SourceOptions, Progress | None], Source]
-READERS: Mapping[str, Reader] = dict.fromkeys((*LOGS, *BAGS), _open_log) | dict.fromkeys(CLOUDS, _open_cloud)
+READERS: Mapping[str, Reader] = {
+    **dict.fromkeys((*LOGS, *BAGS), _open_log),
+    **dict.fromkeys(CLOUDS, _open_cloud),
+    **dict.fromkeys(SAVED_MAPS, _open_saved_map),
+}
 
 
 def open_source(

@@ -11,6 +11,7 @@ from m2t_text.cli.judging import evaluate
 from m2t_text.cli.keeping import fetch, merge, optimize, remove
 from m2t_text.cli.looping import loops
 from m2t_text.cli.making import demo, index, simulate
+from m2t_text.cli.map_judging import evaluate_map
 
 app = typer.Typer(
     name="m2t-text",
@@ -28,6 +29,7 @@ COMMANDS = (
     info,
     loops,
     evaluate,
+    evaluate_map,
     check,
     merge,
     remove,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from m2t_text.indexing import Progress
 
 WIDE = 160  # columns of a table that no terminal shows
-STAGES = {"scans": "matching scans", "maps": "describing maps"}
+STAGES = {"scans": "matching scans", "views": "looking around", "maps": "describing maps"}
 REFRESH = 0.1  # s between two states of a progress bar
 
 

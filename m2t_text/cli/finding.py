@@ -48,6 +48,16 @@ OdometryTopicOption = Annotated[
         show_default="the only one, else tf",
     ),
 ]
+RunOption = Annotated[
+    float | None,
+    typer.Option(
+        "--run",
+        min=0.0,
+        metavar="METRES",
+        help="Travel in a map that is cut from a log; 0 for a single scan.",
+        show_default="as in the index",
+    ),
+]
 HeightOption = Annotated[
     tuple[float, float] | None,
     typer.Option(
@@ -75,6 +85,7 @@ def search(
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     name: LogNameOption = None,
+    run: RunOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
     height: HeightOption = None,
@@ -90,6 +101,7 @@ def search(
     m2t-text search robot/000123 --exclude-travel 10   on other visits only
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
+    m2t-text search new.log#200 --run 0                the single scan 200
     m2t-text inspect robot/000123 | m2t-text search -  a text
     m2t-text search room.pcd --height 0.2 1.0          a point cloud
     """
@@ -100,7 +112,7 @@ def search(
     from m2t_text.sources import SourceOptions
 
     _check(plot)
-    options = SearchOptions(top, exclude_travel, not no_verify)
+    options = SearchOptions(top, exclude_travel, not no_verify, run)
     reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     answer = find(query, MapIndex.open(index), options, reading)
     _warn(answer.query)
@@ -116,6 +128,7 @@ def inspect(
     target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
     index: IndexOption = DEFAULT_INDEX,
     name: LogNameOption = None,
+    run: RunOption = None,
     scan_topic: ScanTopicOption = None,
     odometry_topic: OdometryTopicOption = None,
     height: HeightOption = None,
@@ -142,7 +155,7 @@ def inspect(
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
     reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
-    found = resolve(target, Context(parameters, opened, reading))
+    found = resolve(target, Context(parameters, opened, reading, run))
     _warn(found)
     if plot is not None:
         from m2t_text.plots import plot_document
@@ -220,6 +233,10 @@ def _print_answer(answer: "Answer") -> None:
         f"verified in {finding.verify_seconds:.2f} s"
     )
     print_lines(f"verdict: {finding.verdict}")
+    place = finding.results[0].dataset_pose if finding.results else None
+    if place is not None:
+        best = finding.results[0].hit.document.dataset
+        print_lines("pose in the frame of {}: {:.2f} {:.2f} {:.0f}°".format(best, *_degrees(place)))
     print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
 
 

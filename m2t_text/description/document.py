@@ -20,7 +20,8 @@ class Document:
 
     Attributes:
         dataset: name of the log or map source.
-        first_scan, last_scan: indices of the scans of the run in their log; both 0 without a run.
+        first_scan, last_scan: indices of the scans of the run in their log; without a run both are the
+            map's number in its dataset.
         travel: (2,) metres of travel at the run's begin and end; equal without a run.
         pose: (3,) of the first scan's robot frame in the frame of the dataset's trajectory.
         viewpoint: (3,) planned viewpoint and direction, in the first scan's robot frame.

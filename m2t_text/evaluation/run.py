@@ -70,7 +70,7 @@ def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
     tell = progress or (lambda what, stage, done, of: None)
     parameters = parameters_of(request.profile)
     names = dataset_names(request.sources, "evaluated")
-    logs = [_read(path, name, tell) for path, name in zip(request.sources, names, strict=True)]
+    logs = [read_with_truth(path, name, tell) for path, name in zip(request.sources, names, strict=True)]
     with TemporaryDirectory(prefix="m2t-text-") as folder:
         prepared = [
             _prepared(log, Path(folder) / str(n), parameters, request, partial(tell, log.name))
@@ -87,7 +87,8 @@ class _Prepared:
     queries: NDArray[np.int64]
 
 
-def _read(path: Path, name: str, tell: Progress) -> Log:
+def read_with_truth(path: Path, name: str, tell: Progress) -> Log:
+    """The log of a file. Raises SourceError if it cannot be read, LogError if it has no ground truth."""
     log = open_log(path, progress=partial(tell, name, "reading"))
     if log.ground_truth is None:
         raise LogError(

@@ -102,7 +102,8 @@ def local_maps(
     way = survey.way
     for first in run_starts(survey, parameters.run_length) if starts is None else starts:
         # The run ends with the scan that completes its length; a run cut short would move the viewpoint.
-        last = min(int(np.searchsorted(way, way[first] + parameters.run_length)), len(way) - 1)
+        end = int(np.searchsorted(way, way[first] + parameters.run_length))
+        last = max(first, min(end, len(way) - 1))
         run = first + np.flatnonzero(survey.moved[first : last + 1])
         if not len(run) or run[0] != first:
             run = np.concatenate([[first], run])
@@ -111,7 +112,7 @@ def local_maps(
             points=occupied(survey.points, survey.starts, run, poses, parameters.cell),
             trajectory=poses,
             first_scan=int(first),
-            last_scan=last,
+            last_scan=int(last),
             travel=way[[first, last]],
             pose=survey.trajectory[first],
         )

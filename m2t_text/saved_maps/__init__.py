@@ -1,0 +1,1 @@
+"""Saved maps, as ROS keeps them: read, drawn from logs, and sampled into local maps."""

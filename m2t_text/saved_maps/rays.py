@@ -1,0 +1,142 @@
+"""Rays through an occupancy grid, cell by cell.
+
+The traversal is that of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", 1987.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, Floats, States
+
+
+@njit(cache=True, nogil=True)
+def _begin(place: float, direction: float) -> tuple[int, int, float, float]:
+    """Of one axis: a ray's first cell, the step to the next, the way to its first border, and between two."""
+    cell = int(math.floor(place))
+    if direction > 0:
+        return cell, 1, (cell + 1 - place) / direction, 1 / direction
+    if direction < 0:
+        return cell, -1, (cell - place) / direction, -1 / direction
+    return cell, 0, math.inf, math.inf
+
+
+@njit(cache=True, nogil=True)
+def cast(states: States, x: float, y: float, angle: float, reach: float, veil: float) -> float:
+    """How far a ray goes until the middle of its way through an occupied cell; ``inf`` if it meets none.
+
+    All lengths are in units of cells.
+
+    Args:
+        states: (rows, columns) of a `Grid`.
+        x, y: column and row where the ray begins.
+        angle: radians in the grid's frame.
+        reach: length of the ray.
+        veil: how much unknown space it passes; nothing is said of what lies behind more of it.
+    """
+    rows, columns = states.shape
+    i, step_i, next_i, between_i = _begin(x, math.cos(angle))
+    j, step_j, next_j, between_j = _begin(y, math.sin(angle))
+    gone, dark = 0.0, 0.0
+    while gone <= reach and dark <= veil and 0 <= i < columns and 0 <= j < rows:
+        leave = min(next_i, next_j)
+        if states[j, i] == OCCUPIED:
+            middle = (gone + leave) / 2
+            return middle if middle <= reach else math.inf
+        if states[j, i] == UNKNOWN:
+            dark += leave - gone
+        gone = leave
+        if next_i <= next_j:
+            i += step_i
+            next_i += between_i
+        else:
+            j += step_j
+            next_j += between_j
+    return math.inf
+
+
+class Beams(NamedTuple):
+    """The beams of a scan: ``angles`` (A,) in the grid's frame, and ``reach`` and ``veil`` as in `cast`."""
+
+    angles: Floats
+    reach: float
+    veil: float
+
+
+@njit(cache=True, nogil=True)
+def seen(
+    states: States, allowed: NDArray[np.bool_], pose: Floats, beams: Beams, steps: int, step: float
+) -> tuple[Floats, int]:
+    """Column and row (N, 2) of all that is met on a run straight ahead, and the number of its scans.
+
+    Args:
+        states: (rows, columns) of a `Grid`.
+        allowed: (rows, columns) where the robot can be; the run ends before it leaves that.
+        pose: (3,) column, row and heading at the run's begin.
+        beams: of each scan.
+        steps: how many scans there are after the first one, at most.
+        step: between two of them, in units of cells.
+    """
+    rows, columns = states.shape
+    found = np.empty(((steps + 1) * len(beams.angles), 2))
+    n = 0
+    for k in range(steps + 1):
+        x, y = pose[0] + k * step * math.cos(pose[2]), pose[1] + k * step * math.sin(pose[2])
+        i, j = int(math.floor(x)), int(math.floor(y))
+        if not (0 <= i < columns and 0 <= j < rows and allowed[j, i]):
+            return found[:n], k
+        for angle in beams.angles:
+            distance = cast(states, x, y, angle, beams.reach, beams.veil)
+            if distance < math.inf:
+                found[n, 0], found[n, 1] = x + distance * math.cos(angle), y + distance * math.sin(angle)
+                n += 1
+    return found[:n], steps + 1
+
+
+@njit(cache=True, nogil=True)
+def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
+    """(N, 2) columns and rows: of each square of ``side`` x ``side`` cells its place, if any cell is allowed.
+
+    That is the middle of the allowed cell nearest to the square's middle, the first of equals.
+    """
+    rows, columns = allowed.shape
+    across, down = (columns + side - 1) // side, (rows + side - 1) // side
+    places = np.empty((across * down, 2))
+    n = 0
+    for square in range(across * down):
+        left, low = (square % across) * side, (square // across) * side
+        least = math.inf
+        for j in range(low, min(low + side, rows)):
+            for i in range(left, min(left + side, columns)):
+                away = (2 * (i - left) + 1 - side) ** 2 + (2 * (j - low) + 1 - side) ** 2
+                if allowed[j, i] and away < least:
+                    least = away
+                    places[n, 0], places[n, 1] = i + 0.5, j + 0.5
+        n += least < math.inf
+    return places[:n]
+
+
+@njit(cache=True, nogil=True)
+def count(passed: NDArray[np.int32], begin: Floats, ends: Floats) -> None:
+    """Adds 1 to each cell that segments from ``begin`` (2,) to ``ends`` (N, 2) pass, but their last ones.
+
+    All in units of cells; ``passed`` is (rows, columns), and what lies outside is not counted.
+    """
+    rows, columns = passed.shape
+    for k in range(len(ends)):
+        dx, dy = ends[k, 0] - begin[0], ends[k, 1] - begin[1]
+        i, step_i, next_i, between_i = _begin(begin[0], dx)
+        j, step_j, next_j, between_j = _begin(begin[1], dy)
+        last_i, last_j = int(math.floor(ends[k, 0])), int(math.floor(ends[k, 1]))
+        while min(next_i, next_j) <= 1.0 and not (i == last_i and j == last_j):
+            if 0 <= i < columns and 0 <= j < rows:
+                passed[j, i] += 1
+            if next_i <= next_j:
+                i += step_i
+                next_i += between_i
+            else:
+                j += step_j
+                next_j += between_j

@@ -9,7 +9,7 @@ demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 stress: $(VENV)/.installed-test
 	$(BIN)/python tests/stress.py

@@ -507,3 +507,15 @@ def test_demo(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(Path("demo", name).stat().st_size > 10_000 for name in ("overview.png", "match.png"))
     commands = re.findall(r"^  m2t-text (.*demo/index)$", out, re.MULTILINE)
     assert len(commands) == 3 and all(call(*command.split())[0] == 0 for command in commands)
+
+
+def test_compiled_code_needs_no_linear_algebra_of_scipy(simulated_index: Path) -> None:
+    """Its import takes a tenth of a command."""
+    map_id = MapIndex.open(simulated_index).ids[0]
+    code = (
+        "import sys\nfrom m2t_text.cli import run\nfrom m2t_text.cli.starting import start_quickly\n"
+        f"start_quickly()\nassert run(['search', {map_id!r}, '--index', {str(simulated_index)!r}]) == 0\n"
+        "assert 'numba' in sys.modules and 'scipy.linalg' not in sys.modules\n"
+        "import scipy.linalg.cython_blas\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

@@ -10,6 +10,9 @@ INTERRUPTED = 130  # the exit status that shells give a program ended by Ctrl-C
 
 def main() -> None:
     """The entry point of ``m2t-text``."""
+    from m2t_text.cli.starting import start_quickly
+
+    start_quickly()
     sys.exit(run())
 
 

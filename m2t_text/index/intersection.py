@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from m2t_text.description.text import WORDS, Text
@@ -65,7 +64,7 @@ def _fill(near: Any, places: Any, wx: Any, wy: Any, wa: Any, half: Any, window: 
             near[table + 2 * (wy[k] + step + half) + 1] |= bit
 
 
-@numba.njit(types.int64(types.uint64), cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, inline="always")
 def _popcount(bits: Any) -> Any:
     bits = bits - ((bits >> U(1)) & U(0x5555555555555555))
     bits = (bits & U(0x3333333333333333)) + ((bits >> U(2)) & U(0x3333333333333333))

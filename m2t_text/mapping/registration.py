@@ -152,11 +152,29 @@ def _refine(
             p = 1.0 / (sigma[1] if i == 2 else sigma[0]) ** 2
             h[i, i] += p
             g[i] += p * pose[i]
-        step = np.linalg.solve(h, g)
+        step = _solved(h, g)
         pose -= step
         if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5 and reach <= 0.12:
             break
     return pose, inliers / max(len(scan), 1)
+
+
+@njit(cache=True, nogil=True)
+def _solved(h: Floats, g: Floats) -> Floats:
+    """The solution (3,) of h x = g for a positive definite h (3, 3), by Cholesky's factors."""
+    a = np.sqrt(h[0, 0])
+    b, c = h[1, 0] / a, h[2, 0] / a
+    d = np.sqrt(h[1, 1] - b * b)
+    e = (h[2, 1] - b * c) / d
+    f = np.sqrt(h[2, 2] - c * c - e * e)
+    u = g[0] / a
+    v = (g[1] - b * u) / d
+    w = (g[2] - c * u - e * v) / f
+    x = np.empty(3)
+    x[2] = w / f
+    x[1] = (v - e * x[2]) / d
+    x[0] = (u - b * x[1] - c * x[2]) / a
+    return x
 
 
 @njit(cache=True, nogil=True)

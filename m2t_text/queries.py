@@ -131,7 +131,7 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")
     document = describe_at(log, scan, context.described)
     way, needed = float(np.ptp(document.travel)), context.described.mapping.run_length
-    if context.index is not None and document.map_id in context.index.ids:
+    if context.index is not None and document.map_id in _indexed(log, context.index):
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
         travelled = stored.travel if context.run is None else stored.travel[0] + np.array([0.0, way])
@@ -145,6 +145,12 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     return Query(document.text, document, log.warnings, cut=True)
 
 
+def _indexed(log: Log, index: MapIndex) -> list[str]:
+    """The ids of a log's maps. A dataset of its name that nobody drove, as a saved map, is another."""
+    ids = [i for i in index.ids if i.rpartition("/")[0] == log.name]
+    return ids if ids and index.document(ids[0]).driven else []
+
+
 def _number(run: re.Match[str]) -> float | None:
     """Metres or a scan; None if it is no such number."""
     pattern = r"[0-9]+" if run["kind"] == "#" else r"[0-9]+\.?[0-9]*|\.[0-9]+"
@@ -154,7 +160,7 @@ def _number(run: re.Match[str]) -> float | None:
 def _scan_after(metres: float, log: Log, context: Context) -> int:
     """The scan at which a map begins after so much travel: as the index has it, else by the wheel odometry."""
     index = context.index
-    ids = [i for i in index.ids if i.rpartition("/")[0] == log.name] if index else []
+    ids = _indexed(log, index) if index else []
     if index is not None and ids:
         place = bisect_left(ids, metres - ROUNDING, key=lambda map_id: index.document(map_id).travel[0])
         last = index.document(ids[-1])

@@ -47,6 +47,7 @@ RESULT = {
     "score": float,
     "matched": int,
     "pose": (NoneType, list),
+    "dataset_pose": (NoneType, list),
     "inlier_ratio": (NoneType, float),
 }
 SEARCH = {
@@ -225,11 +226,15 @@ def test_search_json(call: Call, simulated_index: Path) -> None:
     assert ids(answer)[0] == "drive/000040"
     assert answer["verdict"] == "ambiguous" or answer["results"][0]["inlier_ratio"] > 0.5
     assert answer["results"][0]["pose"] == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+    place = MapIndex.open(simulated_index).document("drive/000040").pose.tolist()
+    for result in answer["results"]:  # all show the same place, in the frame of the trajectory
+        assert result["dataset_pose"] == pytest.approx(place, abs=0.1)
     assert answer["seconds"]["verify"] > 0
     by_text = json.loads(call("search", "drive/000040", "--index", simulated_index, "--json", "--no-verify")[1])
     scores = [result["score"] for result in by_text["results"]]
     assert scores == sorted(scores, reverse=True) and by_text["seconds"]["verify"] == 0
-    assert all(result["pose"] is None and result["inlier_ratio"] is None for result in by_text["results"])
+    verified = ("pose", "dataset_pose", "inlier_ratio")
+    assert all(result[key] is None for result in by_text["results"] for key in verified)
 
 
 def test_search_of_a_text_has_no_origin(call: Call, simulated_index: Path) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from m2t_text.errors import LogError, M2TError, QueryError, TextError
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import read_log
+from m2t_text.mapping.trajectory import scan_points
 from m2t_text.queries import Context, Query, resolve
 from m2t_text.sources import SourceOptions
 
@@ -72,6 +74,39 @@ def test_a_log_may_hold_the_separators_in_its_name(simulated: Path, tmp_path: Pa
     path = tmp_path / "a@b#c.log"
     path.write_bytes(simulated.read_bytes())
     assert resolve(f"{path}#40", Context(DEFAULT)).title == "a@b#c/000040"
+
+
+def test_a_run_of_another_length_is_cut_from_a_log(context: Context, simulated: Path) -> None:
+    assert context.index is not None
+    stored = context.index.document("drive/000040")
+    whole, short, scan = (
+        resolve(f"{simulated}#40", replace(context, run=run)).document for run in (None, 1.5, 0.0)
+    )
+    assert whole is not None and short is not None and scan is not None
+    for document, metres in ((short, 1.5), (scan, 0.0)):
+        assert document.travel[0] == stored.travel[0]
+        assert np.ptp(document.travel) == pytest.approx(metres, abs=0.3)
+    assert scan.first_scan == scan.last_scan == 40 < short.last_scan < whole.last_scan
+    assert scan.points < short.points < whole.points
+    # A single scan is its own hits within the range limit, one for each cell.
+    log = read_log(simulated)
+    own = scan_points(log.scans[40], log.laser_pose, DEFAULT.mapping.range_limit)
+    assert scan.points == len(np.unique(np.floor(own / DEFAULT.mapping.cell), axis=0))
+    assert whole.travel.tolist() == stored.travel.tolist()
+
+
+def test_a_single_scan_is_a_map_with_scans_that_has_travel_to_exclude(simulated: Path) -> None:
+    query = resolve(f"{simulated}#40", Context(DEFAULT, run=0.0))
+    assert query.driven and query.excluding(10.0) is not None
+    last = len(read_log(simulated).scans) - 1  # where a longer run would not be complete
+    found = resolve(f"{simulated}#{last}", Context(DEFAULT, run=0.0)).document
+    assert found is not None and found.last_scan == last
+
+
+@pytest.mark.parametrize("target", ["drive/000040", "-", "place.txt"])
+def test_only_a_run_of_a_log_has_a_length(context: Context, target: str) -> None:
+    with pytest.raises(QueryError, match=f"--run cuts a run out of a log; '{target}' is none"):
+        resolve(target, replace(context, run=3.0))
 
 
 @pytest.mark.parametrize("ending", ["", "\n", " \r\n"])

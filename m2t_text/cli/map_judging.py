@@ -46,7 +46,7 @@ def evaluate_map(
     \b
     m2t-text evaluate-map robot.log
     m2t-text evaluate-map robot.log --run 0          single scans
-    m2t-text evaluate-map robot.log --maps drawn     to index drawn/robot.yaml
+    m2t-text evaluate-map robot.log --maps drawn     to index drawn/robot-map.yaml
     """
     from m2t_text.saved_maps.evaluation import Request, evaluate
 
@@ -56,7 +56,7 @@ def evaluate_map(
     with bars() as progress:
         evaluated = evaluate(request, progress)
     if maps is not None:
-        first = maps / f"{evaluated[0].name}.yaml"
+        first = maps / f"{evaluated[0].name}-map.yaml"
         note(f"drew {len(evaluated)} maps into {maps}; go on with: m2t-text index {first}")
     if as_json:
         print_json({"run": run, "covered": covered, "datasets": [one.to_json() for one in evaluated]})

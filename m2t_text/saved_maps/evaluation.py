@@ -135,11 +135,12 @@ def _evaluated(log: Log, folder: Path, parameters: Parameters, request: Request,
     way = travel(log.ground_truth)
     half = int(np.searchsorted(way, way[-1] / 2, side="right"))
     grid = draw_map(log, log.ground_truth, np.arange(half))
-    path = (request.folder or folder) / f"{log.name}.yaml"
+    path = (request.folder or folder) / f"{log.name}-map.yaml"
     write_map(grid, path)
     index = MapIndex.create(folder / log.name, parameters)
-    described = SavedMap.read(path).describe(parameters, request.jobs, partial(tell, log.name))
-    index.replace(log.name, described.documents, described.drive)
+    source = SavedMap.read(path)
+    described = source.describe(parameters, request.jobs, partial(tell, log.name))
+    index.replace(source.name, described.documents, described.drive)
     whole = survey(log, parameters.mapping, partial(tell, log.name, "scans"))
     placed = []
     for document in islice(_queries(log, whole, half, grid, parameters, request), request.queries):

@@ -30,7 +30,7 @@ BEAM = radians(0.5)  # between two beams of a scan
 VEIL = 1.0  # m of unknown space that a beam passes; behind more of it nothing is said to be seen
 FEWEST = 30  # occupied cells of a view that says anything
 ALIKE = 0.3  # share of the cells of two views, of all that either has, from which one of both is enough
-NEAR = 0.7  # m between the centres of gravity of two views within which one may stand for the other
+NEAR = 0.9  # m between the centres of gravity of two views within which one may stand for the other
 CHUNK = 64  # views between two steps of a progress bar
 
 Cells = NDArray[np.int32]

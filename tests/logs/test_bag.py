@@ -331,14 +331,7 @@ def test_mostly_damaged_scans_are_refused(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The bytes of sound bags of a few scans, by their endings."""
-    folder = tmp_path_factory.mktemp("sound")
-    log = simulate(Simulation(travel=3.0, beams=20))
-    log = replace(log, scans=log.scans[:12])
-    bags = {".bag": ROS1.write(folder / "a.bag", ROS1.log(log)).read_bytes()}
-    for ending in (".db3", ".mcap"):
-        (file,) = ROS2.write(folder / f"b{ending}", ROS2.log(log)).glob(f"*{ending}")
-        bags[ending] = file.read_bytes()
-    return bags
+    return small_bags(tmp_path_factory.mktemp("sound"))
 
 
 HOPELESS = {

@@ -5,6 +5,7 @@ From there the pose words, which are the maps' geometry at 0.1 m, are aligned by
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from m2t_text.index.texts import Texts
 from m2t_text.index.weighting import OffsetAgreement, agreed
 from m2t_text.mapping.normals import cloud_normals
 from m2t_text.mapping.registration import register, within
+from m2t_text.workers import cores
 
 Floats = NDArray[np.float64]
 
@@ -70,10 +72,12 @@ def align(query: Text, candidates: Sequence[Text], cell: float) -> list[Alignmen
         return [Alignment(np.zeros(3), 0.0, 0.0, 0.0) for _ in candidates]
     starts = agreed(Texts.of(candidates), query, OffsetAgreement())
     shape = Shape.of(query, cell)
-    return [
-        refined(shape, Shape.of(text, cell), start * [cell, cell, 1.0], float(agreement))
-        for text, start, agreement in zip(candidates, starts.alignment, starts.score, strict=True)
-    ]
+
+    def aligned(text: Text, start: Floats, agreement: float) -> Alignment:
+        return refined(shape, Shape.of(text, cell), start * [cell, cell, 1.0], agreement)
+
+    with ThreadPoolExecutor(cores(None)) as pool:  # compiled code lets the others run
+        return list(pool.map(aligned, candidates, starts.alignment, starts.score.tolist()))
 
 
 def refined(query: Shape, found: Shape, start: Floats, agreement: float) -> Alignment:

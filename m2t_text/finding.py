@@ -13,7 +13,8 @@ from m2t_text.geometry import compose
 from m2t_text.index.results import Hit
 from m2t_text.index.store import MapIndex
 from m2t_text.queries import Query
-from m2t_text.verification import Alignment, align, relative_pose
+from m2t_text.symmetry import rivals
+from m2t_text.verification import Alignment, Shape, align, relative_pose
 
 Floats = NDArray[np.float64]
 Verdict = Literal["match", "ambiguous", "none"]
@@ -25,7 +26,9 @@ DRIFT = (
     0.04,
 )  # m, and m per metre of travel: two poses of one trajectory nearer than this may be one place
 FITS = 0.6  # inlier ratio from which a map shows the query's place, if no other does
-MARGIN = 0.1  # inlier ratio by which it must exceed that of any other place
+MARGIN = 0.1  # inlier ratio by which it must exceed that of any other place, and of other poses at this one
+LIKELY = 0.8  # of the best score, from which a map that was not verified may fit as well
+WIDER, RIVALS = 4, 3  # times as many hits are looked through for such maps elsewhere; so many are verified
 GRIP = 0.03  # below, the query may slide along a featureless wall
 WEAK = 0.4  # inlier ratio below which nothing fits
 
@@ -73,7 +76,8 @@ def find(
     """The maps that show the query's place.
 
     The VERIFIED best by score are aligned with the query and ranked anew; the others follow in the order of
-    their scores. Without ``verify`` the order is the scores' and the verdict never ``match``.
+    their scores. A ``match`` must fit nowhere else, and in no other way. Without ``verify`` the order is the
+    scores' and the verdict never ``match``.
 
     Args:
         top: number of results at most, 0 for all maps.
@@ -99,7 +103,12 @@ def find(
     begin = perf_counter()
     verified = verify_hits(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0])
     results = verified + [Found(hit) for hit in hits[len(verified) :]]
-    return Finding(results[: top or None], verdict(verified), searched, perf_counter() - begin)
+    answer = verdict(verified)
+    if answer == "match" and (
+        fits_otherwise(index, query, verified[0]) or fits_elsewhere(index, query, verified, exclude)
+    ):
+        answer = "ambiguous"
+    return Finding(results[: top or None], answer, searched, perf_counter() - begin)
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
@@ -147,6 +156,31 @@ def verdict(verified: Sequence[Found]) -> Verdict:
     return "match" if sure else "ambiguous"
 
 
+def fits_otherwise(index: MapIndex, query: Query, best: Found) -> bool:
+    """Whether a query lies nearly as well on a verified hit at another pose: the place is symmetric."""
+    assert best.alignment is not None
+    cell = index.parameters.mapping.cell
+    shapes = Shape.of(query.text, cell), Shape.of(index.document(best.hit.map_id).text, cell)
+    others = rivals(*shapes, best.alignment.pose)
+    return any(best.alignment.inlier_ratio - other.inlier_ratio < MARGIN for other in others)
+
+
+def fits_elsewhere(
+    index: MapIndex, query: Query, verified: Sequence[Found], exclude: tuple[str, float, float] | None = None
+) -> bool:
+    """Whether a place fits as well as the best, all of whose maps score too low to be among the verified hits:
+    there may be more maps of one place than are verified."""
+    best, known = verified[0], {one.hit.map_id for one in verified}
+    top, likely, others = len(verified), len(verified), list[Hit]()
+    while not others and likely == top:
+        top *= WIDER
+        hits = index.search(query.text, top, exclude)
+        near_best = [hit for hit in hits if hit.score >= LIKELY * hits[0].score]
+        likely = len(near_best)
+        others = [hit for hit in near_best if hit.map_id not in known and _elsewhere(best, Found(hit))]
+    return verdict([best, *verify_hits(index, query, others[:RIVALS])]) != "match"
+
+
 def _elsewhere(a: Found, b: Found) -> bool:
     """Whether two hits place the query's viewpoint so far apart that drift cannot account for it."""
     if a.hit.document.dataset != b.hit.document.dataset:
@@ -157,6 +191,5 @@ def _elsewhere(a: Found, b: Found) -> bool:
 
 def _place(one: Found) -> Floats:
     """(2,) the query's viewpoint in the frame of the hit's dataset, according to the hit."""
-    assert one.alignment is not None
     document = one.hit.document
-    return compose(document.pose, compose(document.viewpoint, one.alignment.pose))[:2]
+    return compose(document.pose, compose(document.viewpoint, one.laid))[:2]

@@ -34,9 +34,8 @@ def rivals(query: Shape, found: Shape, pose: Floats) -> list[Alignment]:
     if not len(placed) or not len(fixed):
         return []
     centre = placed.mean(axis=0)
-    turns = [
-        compose([*centre, angle], [*-centre, 0.0]) for angle in np.arange(TURNS) * (2 * np.pi / TURNS)
-    ]
+    angles = np.arange(TURNS) * (2 * np.pi / TURNS)
+    turns = compose(np.column_stack([np.tile(centre, (TURNS, 1)), angles]), np.append(-centre, 0.0))
     met = _overlap(fixed, [_in_reach(transform(turn, placed)) for turn in turns])
     offsets = np.fft.fftfreq(met.shape[1], 1 / met.shape[1]) * GRID
     near = np.abs(offsets) <= APART[0]
@@ -45,8 +44,8 @@ def rivals(query: Shape, found: Shape, pose: Floats) -> list[Alignment]:
     most = met.reshape(TURNS, -1)[np.arange(TURNS), best]
     aligned = []
     for k in np.argsort(-most, kind="stable")[:REFINED]:
-        x, y = np.unravel_index(best[k], met.shape[1:])
-        start = compose([offsets[x], offsets[y], 0.0], compose(turns[k], pose))
+        shift = offsets[list(np.unravel_index(best[k], met.shape[1:]))]
+        start = compose(np.append(shift, 0.0), compose(turns[k], pose))
         aligned.append(refined(query, found, start, float(most[k]) / len(placed)))
     return [one for one in aligned if _apart(one.pose, pose)]
 

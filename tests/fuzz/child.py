@@ -60,7 +60,7 @@ def main(name: str, runs: int, statistics: Path, findings: Path) -> None:
         from targets import TARGETS, tried
 
         target = TARGETS[name]
-        for label, seed in target.seeds(scratch).items():
+        for label, seed in target.seeds(folder).items():
             (corpus / label).write_bytes(seed)
             tried(target, seed, folder)  # also imports and compiles what is needed
     counted = Statistics()

@@ -1,4 +1,6 @@
-"""Fuzzes every reader: `make fuzz` prints the table. FUZZ_RUNS inputs a target, or as many as FUZZ_MINUTES allow.
+"""Fuzzes every reader: `make fuzz` prints the table.
+
+Each target gets FUZZ_RUNS inputs, or as many as fit into FUZZ_MINUTES for all of them.
 
 Findings are kept in ``indexes/fuzz``. Move one, once its cause is mended, to ``tests/fuzz/found/TARGET``: the
 usual tests read all that is there.
@@ -37,9 +39,13 @@ def fuzzed(name: str, runs: int, seconds: float | None, folder: Path) -> tuple[l
         child.kill()
         told, _ = child.communicate()
     if not sound:
-        note(f"{name}: exit status {child.returncode}\n{told[-4000:]}")
+        print(f"{name}: exit status {child.returncode}\n{told[told.find(' === ') :]}", file=sys.stderr)
     found = json.loads(statistics.read_text()) if statistics.exists() else dict.fromkeys(("runs", "sound"), 0)
-    took = [f"{found.get('seconds', 0):,.0f}", f"{found.get('slowest', 0):.2f}", f"{found.get('megabytes', 0):,}"]
+    took = [
+        f"{found.get('seconds', 0):,.0f}",
+        f"{found.get('slowest', 0):.2f}",
+        f"{found.get('megabytes', 0):,}",
+    ]
     return [name, f"{found['runs']:,}", f"{found['sound']:,}", *took], sound
 
 

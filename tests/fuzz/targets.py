@@ -1,4 +1,4 @@
-"""What is fuzzed: all that reads what others have made. Each target takes any bytes, and raises M2TError alone."""
+"""What is fuzzed: all that reads what others have made. A target takes any bytes, and raises M2TError alone."""
 
 import gzip
 import os
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from hashlib import blake2b
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "clouds"), str(TESTS / "index")]
@@ -25,7 +26,7 @@ from m2t_text.index.checking import check_index  # noqa: E402
 from m2t_text.index.contents import DIGEST, SEAL  # noqa: E402
 from m2t_text.index.store import MapIndex  # noqa: E402
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen  # noqa: E402
-from m2t_text.queries import Context, Query, resolve  # noqa: E402
+from m2t_text.queries import Context, resolve  # noqa: E402
 from m2t_text.sources import open_source  # noqa: E402
 
 PARAMETERS = PROFILES["default"]
@@ -40,8 +41,8 @@ class Target:
     """One reader.
 
     Attributes:
-        seeds: sound inputs to start from, made with the help of an empty folder.
-        run: reads one input, in an empty folder that it may litter.
+        seeds: sound inputs to start from, for that folder.
+        run: reads one input, in a folder that it may litter.
     """
 
     seeds: Callable[[Path], Seeds]
@@ -88,7 +89,8 @@ def gzipped(folder: Path) -> Seeds:
 
 
 def bags(folder: Path, ending: str) -> Seeds:
-    return {"bag": small_bags(folder)[ending]}
+    with TemporaryDirectory(dir=folder) as made:
+        return {"bag": small_bags(Path(made))[ending]}
 
 
 def clouds(folder: Path, ending: str) -> Seeds:

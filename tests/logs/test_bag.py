@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import LEVEL, OLDER, Messages, Sent, turned
+from bags import LEVEL, OLDER, Messages, Sent, small_bags, turned
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -19,7 +19,6 @@ from m2t_text.config import PROFILES
 from m2t_text.errors import LogError
 from m2t_text.geometry import compose
 from m2t_text.logs import Log, Topics, dataset_name, read_log
-from m2t_text.logs.simulator import Simulation, simulate
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
 

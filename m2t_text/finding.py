@@ -105,7 +105,7 @@ def find(
     results = verified + [Found(hit) for hit in hits[len(verified) :]]
     answer = verdict(verified)
     if answer == "match" and (
-        fits_otherwise(index, query, verified[0]) or fits_elsewhere(index, query, verified, exclude)
+        fits_otherwise(index, query, verified[0]) or fits_elsewhere(index, query, verified, hits, exclude)
     ):
         answer = "ambiguous"
     return Finding(results[: top or None], answer, searched, perf_counter() - begin)
@@ -166,18 +166,26 @@ def fits_otherwise(index: MapIndex, query: Query, best: Found) -> bool:
 
 
 def fits_elsewhere(
-    index: MapIndex, query: Query, verified: Sequence[Found], exclude: tuple[str, float, float] | None = None
+    index: MapIndex,
+    query: Query,
+    verified: Sequence[Found],
+    hits: Sequence[Hit],
+    exclude: tuple[str, float, float] | None = None,
 ) -> bool:
-    """Whether a place fits as well as the best, all of whose maps score too low to be among the verified hits:
-    there may be more maps of one place than are verified."""
+    """Whether a place fits as well as the best, none of whose maps is among the verified: one place may have
+    more maps than are verified. The ``hits`` are those of the search, from which it goes on."""
     best, known = verified[0], {one.hit.map_id for one in verified}
-    top, likely, others = len(verified), len(verified), list[Hit]()
-    while not others and likely == top:
-        top *= WIDER
-        hits = index.search(query.text, top, exclude)
-        near_best = [hit for hit in hits if hit.score >= LIKELY * hits[0].score]
-        likely = len(near_best)
-        others = [hit for hit in near_best if hit.map_id not in known and _elsewhere(best, Found(hit))]
+    floor = LIKELY * hits[0].score
+
+    def likely_elsewhere() -> list[Hit]:
+        unknown = [hit for hit in hits if hit.score >= floor and hit.map_id not in known]
+        return [hit for hit in unknown if _elsewhere(best, Found(hit))]
+
+    others, before = likely_elsewhere(), 0
+    while not others and hits[-1].score >= floor and len(hits) > before:
+        before = len(hits)
+        hits = index.search(query.text, WIDER * before, exclude)
+        others = likely_elsewhere()
     return verdict([best, *verify_hits(index, query, others[:RIVALS])]) != "match"
 
 

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test stress bench loops lint docs clean
+.PHONY: demo test stress fuzz bench loops lint docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
@@ -13,6 +13,10 @@ test: $(VENV)/.installed-test
 
 stress: $(VENV)/.installed-test
 	$(BIN)/python tests/stress.py
+
+# FUZZ_RUNS=1000 picks the inputs for each reader, FUZZ_MINUTES=30 an end; findings are kept in indexes/fuzz.
+fuzz: $(VENV)/.installed-fuzz
+	$(BIN)/python tests/fuzz/fuzz.py $(TARGETS)
 
 # BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
 bench: $(VENV)/.installed-bench
@@ -39,6 +43,10 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	@touch $@
+
+$(VENV)/.installed-fuzz: $(VENV)/.installed-test
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[fuzz]'
 	@touch $@
 
 $(VENV)/.installed-lint: $(VENV)/.installed

@@ -14,7 +14,8 @@ from m2t_text.geometry import compose
 from m2t_text.index.results import Hit
 from m2t_text.index.store import MapIndex
 from m2t_text.queries import Query
-from m2t_text.verification import Alignment, align, relative_pose
+from m2t_text.symmetry import rivals
+from m2t_text.verification import Alignment, Shape, align, relative_pose
 
 Floats = NDArray[np.float64]
 Verdict = Literal["match", "ambiguous", "none"]
@@ -26,7 +27,9 @@ DRIFT = (
     0.04,
 )  # m, and m per metre of travel: two poses of one trajectory nearer than this may be one place
 FITS = 0.6  # inlier ratio from which a map shows the query's place, if no other does
-MARGIN = 0.1  # inlier ratio by which it must exceed that of any other place
+MARGIN = 0.1  # inlier ratio by which it must exceed that of any other place, and of other poses at this one
+LIKELY = 0.8  # of the best score, from which a map that was not verified may fit as well
+WIDER, RIVALS = 4, 3  # times as many hits are looked through for such maps elsewhere; so many are verified
 GRIP = 0.03  # below, the query may slide along a featureless wall
 WEAK = 0.4  # inlier ratio below which nothing fits
 
@@ -81,7 +84,8 @@ def find(
     """The maps that show the query's place.
 
     The VERIFIED best by score are aligned with the query and ranked anew; the others follow in the order of
-    their scores. Without ``verify`` the order is the scores' and the verdict never ``match``.
+    their scores. A ``match`` must fit nowhere else, and in no other way. Without ``verify`` the order is the
+    scores' and the verdict never ``match``.
 
     Args:
         top: number of results at most, 0 for all maps.
@@ -108,7 +112,12 @@ def find(
     begin = perf_counter()
     verified = verify_hits(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0])
     results = verified + [Found(hit) for hit in hits[len(verified) :]]
-    return Finding(results[: top or None], verdict(verified), searched, perf_counter() - begin)
+    answer = verdict(verified)
+    if answer == "match" and (
+        fits_otherwise(index, query, verified[0]) or fits_elsewhere(index, query, verified, hits, exclude)
+    ):
+        answer = "ambiguous"
+    return Finding(results[: top or None], answer, searched, perf_counter() - begin)
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
@@ -156,6 +165,39 @@ def verdict(verified: Sequence[Found]) -> Verdict:
     return "match" if sure else "ambiguous"
 
 
+def fits_otherwise(index: MapIndex, query: Query, best: Found) -> bool:
+    """Whether a query lies nearly as well on a verified hit at another pose: the place is symmetric."""
+    assert best.alignment is not None
+    cell = index.parameters.mapping.cell
+    shapes = Shape.of(query.text, cell), Shape.of(index.document(best.hit.map_id).text, cell)
+    others = rivals(*shapes, best.alignment.pose)
+    return any(best.alignment.inlier_ratio - other.inlier_ratio < MARGIN for other in others)
+
+
+def fits_elsewhere(
+    index: MapIndex,
+    query: Query,
+    verified: Sequence[Found],
+    hits: Sequence[Hit],
+    exclude: tuple[str, float, float] | None = None,
+) -> bool:
+    """Whether a place fits as well as the best, none of whose maps is among the verified: one place may have
+    more maps than are verified. The ``hits`` are those of the search, from which it goes on."""
+    best, known = verified[0], {one.hit.map_id for one in verified}
+    floor = LIKELY * hits[0].score
+
+    def likely_elsewhere() -> list[Hit]:
+        unknown = [hit for hit in hits if hit.score >= floor and hit.map_id not in known]
+        return [hit for hit in unknown if _elsewhere(best, Found(hit))]
+
+    others, before = likely_elsewhere(), 0
+    while not others and hits[-1].score >= floor and len(hits) > before:
+        before = len(hits)
+        hits = index.search(query.text, WIDER * before, exclude)
+        others = likely_elsewhere()
+    return verdict([best, *verify_hits(index, query, others[:RIVALS])]) != "match"
+
+
 def _elsewhere(a: Found, b: Found) -> bool:
     """Whether two hits place the query's viewpoint so far apart that drift cannot account for it."""
     if a.hit.document.dataset != b.hit.document.dataset:
@@ -166,6 +208,5 @@ def _elsewhere(a: Found, b: Found) -> bool:
 
 def _place(one: Found) -> Floats:
     """(2,) the query's viewpoint in the frame of the hit's dataset, according to the hit."""
-    assert one.alignment is not None
     document = one.hit.document
-    return compose(document.pose, compose(document.viewpoint, one.alignment.pose))[:2]
+    return compose(document.pose, compose(document.viewpoint, one.laid))[:2]

@@ -1,7 +1,7 @@
 """ROS bags for the tests, written by the package that reads them."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from m2t_text.logs import Log
+from m2t_text.logs.simulator import Simulation, simulate
 
 LASER, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TRANSFORMS, OLDER = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
@@ -128,3 +129,15 @@ class Messages:
 def turned(theta: float) -> tuple[float, float, float, float]:
     """The quaternion of a turn about z."""
     return (0.0, 0.0, float(np.sin(theta / 2)), float(np.cos(theta / 2)))
+
+
+def small_bags(folder: Path) -> dict[str, bytes]:
+    """The bytes of sound bags of a few scans, by their endings."""
+    log = simulate(Simulation(travel=3.0, beams=20))
+    log = replace(log, scans=log.scans[:12])
+    ros1, ros2 = Messages(1), Messages(2)
+    bags = {".bag": ros1.write(folder / "a.bag", ros1.log(log)).read_bytes()}
+    for ending in PLUGINS:
+        (file,) = ros2.write(folder / f"b{ending}", ros2.log(log)).glob(f"*{ending}")
+        bags[ending] = file.read_bytes()
+    return bags

@@ -280,8 +280,9 @@ class MapIndex:
             QueryError: saying what is wrong with it.
         """
         try:
+            string.encode()  # Whoosh looks names up as UTF-8
             query = QueryParser("text", self.whoosh.schema).parse(string)
-        except QueryParserError as error:
+        except (QueryParserError, UnicodeEncodeError) as error:
             raise QueryError(f"{string!r} is not a query: {error}") from error
         broken = [leaf.error for leaf in query.leaves() if leaf.error is not None]
         if broken or query is NullQuery:

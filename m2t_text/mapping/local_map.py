@@ -15,6 +15,7 @@ from m2t_text.geometry import between, wrap
 Floats = NDArray[np.float64]
 
 STILL = (0.05, np.radians(2.0))  # m and rad; scan matching finds small motion even where there is none
+LEAP = 20.0  # m between two scans that are no drive; nothing that is seen from both ends is compared
 
 
 @dataclass(frozen=True)
@@ -83,27 +84,39 @@ def _apart(a: Floats, b: Floats) -> float:
 
 
 def run_starts(survey: Survey, run_length: float, spacing: float = 0.0) -> NDArray[np.int64]:
-    """Indices of the scans after which the robot travelled at least ``run_length`` metres.
+    """Indices of the scans after which the robot travelled at least ``run_length`` metres, without a leap.
 
     Those less than ``spacing`` metres of travel after the one before are left out.
     """
+    way = survey.way
+    complete = np.flatnonzero(way[-1:] - way >= run_length)
+    steady = way[_run_ends(way, complete, run_length)] - way[complete] <= run_length + LEAP
     starts, after = [], 0.0
-    for scan in np.flatnonzero(survey.way[-1:] - survey.way >= run_length):
-        if survey.way[scan] >= after:
+    for scan in complete[steady]:
+        if way[scan] >= after:
             starts.append(scan)
-            after = survey.way[scan] + spacing
+            after = way[scan] + spacing
     return np.array(starts, dtype=np.int64)
+
+
+def _run_ends(way: Floats, starts: NDArray[np.int64], run_length: float) -> NDArray[np.int64]:
+    """The scans that complete the runs, or the last one."""
+    ends = np.searchsorted(way, way[starts] + run_length)
+    return np.maximum(starts, np.minimum(ends, len(way) - 1))
 
 
 def local_maps(
     survey: Survey, parameters: MappingParameters, starts: NDArray[np.int64] | None = None
 ) -> Iterator[LocalMap]:
-    """The local maps that begin at the scans ``starts``; without it, one for every complete run."""
-    way = survey.way
-    for first in run_starts(survey, parameters.run_length) if starts is None else starts:
-        # The run ends with the scan that completes its length; a run cut short would move the viewpoint.
-        end = int(np.searchsorted(way, way[first] + parameters.run_length))
-        last = max(first, min(end, len(way) - 1))
+    """The local maps that begin at the scans ``starts``; without it, one for every complete run.
+
+    A run ends with the scan that completes its length, as one cut short would move the viewpoint; but before
+    a leap.
+    """
+    way, length = survey.way, parameters.run_length
+    starts = run_starts(survey, length) if starts is None else starts
+    for first, end in zip(starts, _run_ends(way, starts, length), strict=True):
+        last = int(end) - int(way[end] - way[first] > length + LEAP)
         run = first + np.flatnonzero(survey.moved[first : last + 1])
         if not len(run) or run[0] != first:
             run = np.concatenate([[first], run])

@@ -27,6 +27,7 @@ KEY_STEP = (0.3, np.radians(20.0))  # m and rad from the last key scan to the ne
 REFERENCE = (4.0, 2, 8)  # m of travel looked back, least and greatest number of key scans
 WORTH_A_SEARCH = (0.05, 0.03)  # m and rad of motion below which odometry is near enough for ICP alone
 SEARCH_SIGMAS = 2.5  # half-width of the search, in standard deviations of the prediction
+WIDEST = (2.0, 2.0)  # m and rad; no wider, however far odometry leaps: five real logs need 0.95 m and 1.7 rad
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def _correction(reference: list[_Cloud], cloud: _Cloud, motion: Floats) -> Float
     # A bad wheel odometry's errors: slip in proportion to the way, and heading errors from both.
     sigma = np.array([0.05 + 0.2 * distance, 0.03 + 0.3 * turn + 0.1 * distance])
     search = distance > WORTH_A_SEARCH[0] or turn > WORTH_A_SEARCH[1]
-    window = SEARCH_SIGMAS * sigma if search else np.zeros(2)
+    window = np.minimum(SEARCH_SIGMAS * sigma, WIDEST) if search else np.zeros(2)
     points = np.concatenate([part.points for part in reference])
     point_normals = np.concatenate([part.normals for part in reference])
     return register(points, point_normals, cloud.points, window[0], window[1], sigma)[0]

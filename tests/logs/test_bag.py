@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import LEVEL, OLDER, Messages, Sent, turned
+from bags import LEVEL, OLDER, Messages, Sent, small_bags, turned
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -19,7 +19,6 @@ from m2t_text.config import PROFILES
 from m2t_text.errors import LogError
 from m2t_text.geometry import compose
 from m2t_text.logs import Log, Topics, dataset_name, read_log
-from m2t_text.logs.simulator import Simulation, simulate
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
 
@@ -331,14 +330,7 @@ def test_mostly_damaged_scans_are_refused(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The bytes of sound bags of a few scans, by their endings."""
-    folder = tmp_path_factory.mktemp("sound")
-    log = simulate(Simulation(travel=3.0, beams=20))
-    log = replace(log, scans=log.scans[:12])
-    bags = {".bag": ROS1.write(folder / "a.bag", ROS1.log(log)).read_bytes()}
-    for ending in (".db3", ".mcap"):
-        (file,) = ROS2.write(folder / f"b{ending}", ROS2.log(log)).glob(f"*{ending}")
-        bags[ending] = file.read_bytes()
-    return bags
+    return small_bags(tmp_path_factory.mktemp("sound"))
 
 
 HOPELESS = {

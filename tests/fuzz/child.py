@@ -1,0 +1,89 @@
+"""Fuzzes one target, in a process of its own: ``child.py TARGET RUNS STATISTICS FINDINGS``.
+
+Coverage guides the mutations: of this package and of those that parse for it. What numba compiles cannot be
+watched, and takes no part.
+"""
+
+import json
+import logging
+import resource
+import sys
+import tempfile
+import time
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import atheris
+
+import m2t_text
+
+SECONDS = 5.0  # of the processor that one input may take
+MEMORY = 1 << 30  # bytes that it may take beside what the process has
+HANG = 60  # s; a machine with other work is slower
+WATCHED = ["m2t_text", "whoosh", "rosbags"]
+TOLD = 100  # runs between two notes
+
+
+@dataclass
+class Statistics:
+    """What became of the inputs: those that were read without complaint are ``sound``; times in seconds."""
+
+    runs: int = 0
+    sound: int = 0
+    seconds: float = 0.0
+    slowest: float = 0.0
+    megabytes: int = 0  # at the most, of the whole process
+
+
+def compiled() -> list[str]:
+    """The modules with functions that numba compiles."""
+    package = Path(m2t_text.__file__).parent
+    sources = [file for file in package.rglob("*.py") if "njit" in file.read_text()]
+    return [".".join(file.relative_to(package.parent).with_suffix("").parts) for file in sources]
+
+
+def bound_memory() -> None:
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def main(name: str, runs: int, statistics: Path, findings: Path) -> None:
+    logging.disable()
+    warnings.simplefilter("ignore")
+    scratch = Path(tempfile.mkdtemp(dir=statistics.parent))
+    folder, corpus = scratch / "inputs", scratch / "corpus"
+    folder.mkdir()
+    corpus.mkdir()
+    with atheris.instrument_imports(WATCHED, compiled()):
+        from targets import TARGETS, tried
+
+        target = TARGETS[name]
+        for label, seed in target.seeds(folder).items():
+            (corpus / label).write_bytes(seed)
+            tried(target, seed, folder)  # also imports and compiles what is needed
+    counted = Statistics()
+    begin = time.monotonic()
+
+    def run(content: bytes) -> None:
+        started = time.process_time()
+        refused = tried(target, content, folder)
+        took = time.process_time() - started
+        counted.runs += 1
+        counted.sound += refused is None
+        counted.slowest = max(counted.slowest, took)
+        if counted.runs % TOLD == 0 or counted.runs >= runs:
+            counted.seconds = time.monotonic() - begin
+            counted.megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+            statistics.write_text(json.dumps(asdict(counted)))
+        assert took < SECONDS, f"one input took {took:.1f} s"
+
+    bound_memory()
+    options = [f"-runs={runs}", f"-timeout={HANG}", "-seed=1", "-verbosity=0", f"-artifact_prefix={findings}/"]
+    atheris.Setup([sys.argv[0], *options, str(corpus)], run)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]), Path(sys.argv[4]))

@@ -1,0 +1,211 @@
+"""What is fuzzed: all that reads what others have made. A target takes any bytes, and raises M2TError alone."""
+
+import gzip
+import os
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from hashlib import blake2b
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "clouds"), str(TESTS / "index")]
+
+from bags import small_bags  # noqa: E402
+from states import built, contents, maps  # noqa: E402
+from test_clouds import POINTS, WRITERS  # noqa: E402
+
+from m2t_text.config import PROFILES  # noqa: E402
+from m2t_text.description.text import parse  # noqa: E402
+from m2t_text.errors import M2TError  # noqa: E402
+from m2t_text.finding import find  # noqa: E402
+from m2t_text.index.checking import check_index  # noqa: E402
+from m2t_text.index.contents import DIGEST, SEAL  # noqa: E402
+from m2t_text.index.store import MapIndex  # noqa: E402
+from m2t_text.logs.simulator import Simulation, simulate, write_carmen  # noqa: E402
+from m2t_text.queries import Context, resolve  # noqa: E402
+from m2t_text.sources import open_source  # noqa: E402
+
+PARAMETERS = PROFILES["default"]
+STATE = {"a": 5, "b": 11}  # of the index that is searched, and damaged
+MAPS = 3  # of a source that are described
+
+Seeds = dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One reader.
+
+    Attributes:
+        seeds: sound inputs to start from, for that folder.
+        run: reads one input, in a folder that it may litter.
+    """
+
+    seeds: Callable[[Path], Seeds]
+    run: Callable[[bytes, Path], None]
+
+
+def tried(target: Target, content: bytes, folder: Path) -> str | None:
+    """The one line that refuses the content, or None if it was read. Anything else raises."""
+    try:
+        target.run(content, folder)
+    except M2TError as error:
+        assert str(error).isprintable(), f"not printable: {str(error)!r}"
+        return str(error)
+    return None
+
+
+# --- Sources
+
+
+def described(content: bytes, folder: Path, ending: str) -> None:
+    """Reads a source, and describes its first maps as `index` does."""
+    path = folder / f"fuzzed{ending}"
+    path.write_bytes(content)
+    source = open_source(path)
+    assert all(warning.isprintable() for warning in source.warnings)
+    documents = source.describe(PARAMETERS, 1, lambda stage, done, of: None).documents
+    for document, _ in zip(documents, range(MAPS), strict=False):
+        assert str(parse(str(document.text))) == str(document.text)
+
+
+def logs(folder: Path) -> Seeds:
+    """A drive that is just long enough for a map, with few beams and without a way back."""
+    path = folder / "drive.log"
+    write_carmen(simulate(Simulation(length=24.0, travel=6.0, beams=12)), path)
+    drive = path.read_bytes()
+    head = b"PARAM robot_frontlaser_offset 0.1\nPARAM robot_front_laser_max 20\n"
+    poses = b"0 0 0 0.1 0 0 0 0 0 0 0 1"
+    laser = b"ROBOTLASER1 0 -1.57 3.14 0.785 30 0.1 0 5 1 2 3 4 5 0 " + poses + b" host 1\n"
+    return {"drive": drive, "other": head + laser * 2 + b"ODOM 1 0 0 0 0 0 2 host 2\n"}
+
+
+def gzipped(folder: Path) -> Seeds:
+    return {name: gzip.compress(content, mtime=0) for name, content in logs(folder).items()}
+
+
+def bags(folder: Path, ending: str) -> Seeds:
+    with TemporaryDirectory(dir=folder) as made:
+        return {"bag": small_bags(Path(made))[ending]}
+
+
+def clouds(folder: Path, ending: str) -> Seeds:
+    return {name: write(POINTS) for name, write in WRITERS.items() if name.endswith(ending)}
+
+
+# --- Texts, and what is typed
+
+
+@cache
+def searched(folder: Path) -> MapIndex:
+    """A small index beside the folder of the inputs, made once; its own files stay as they are."""
+    return built(folder.with_name("searched"), STATE)
+
+
+def typed(content: bytes) -> str:
+    """As the shell hands bytes over, without the zeros that it cannot."""
+    return os.fsdecode(content.replace(b"\0", b""))
+
+
+def text_found(content: bytes, folder: Path) -> None:
+    """A text from a file, looked up with verification."""
+    path = folder / "fuzzed.txt"
+    path.write_bytes(content)
+    index = searched(folder)
+    query = resolve(str(path), Context(index.parameters, index))
+    assert str(parse(str(query.text))) == str(query.text)
+    find(index, query)
+
+
+def filtered(content: bytes, folder: Path) -> None:
+    """A filter in the query language, of a search."""
+    index = searched(folder)
+    index.search(maps(5, "a")[-1].text, filter=typed(content))
+
+
+def named(content: bytes, folder: Path) -> None:
+    """Whatever is typed for a query, in a folder with a log and a text."""
+    index = searched(folder)
+    for name, seed in {**logs_here(folder), "a.txt": b"x0_y0_a1"}.items():
+        if not (folder / name).exists():
+            (folder / name).write_bytes(seed)
+    os.chdir(folder)
+    find(index, resolve(typed(content), Context(index.parameters, index)))
+
+
+@cache
+def logs_here(folder: Path) -> Seeds:
+    return {"drive.log": logs(folder)["drive"]}
+
+
+def texts(folder: Path) -> Seeds:
+    return {"map": str(maps(5, "a")[-1].text).encode(), "broken": b"x0_y-3_a5 x1_y1_a1024"}
+
+
+def filters(folder: Path) -> Seeds:
+    strings = "dataset:a AND travel:[10 TO 20]", "NOT (dataset:b OR map_id:a/00*)", "x0_y0_a5^2 'a b' travel:>3"
+    return {str(number): string.encode() for number, string in enumerate(strings)}
+
+
+def names(folder: Path) -> Seeds:
+    strings = "a/000001", "b/000009", "drive.log@0.5", "drive.log#3", "a.txt", "drive.log", "nothing.pcd"
+    return {str(number): string.encode() for number, string in enumerate(strings)}
+
+
+# --- Indexes
+
+
+def files(folder: Path) -> list[Path]:
+    return [file for file in sorted(searched(folder).path.iterdir()) if file.stat().st_size]
+
+
+def index_files(folder: Path) -> Seeds:
+    """The number of a file of the index, and what it holds."""
+    return {f.name: bytes([number]) + f.read_bytes() for number, f in enumerate(files(folder))}
+
+
+def index_read(content: bytes, folder: Path) -> None:
+    """Other contents in one file of an index: everything is read, looked up and checked.
+
+    A table of contents gets a seal that fits, or nothing behind the seal would ever be read.
+    """
+    path = searched(folder).path
+    all_files = files(folder)
+    file = all_files[(content[0] if content else 0) % len(all_files)]
+    before, damaged = file.read_bytes(), content[1:]
+    if SEAL in damaged:
+        sealed = damaged[: damaged.rindex(SEAL)] + SEAL
+        damaged = sealed + blake2b(sealed, digest_size=DIGEST).digest()
+    file.write_bytes(damaged or b"\0")
+    try:
+        with suppress(M2TError):
+            check_index(path)
+        index = MapIndex.open(path)
+        index.search(maps(3, "a")[0].text, top=0)
+        index.search(maps(3, "a")[0].text, filter="dataset:a", method="bow")
+        index.info()
+        contents(index)
+    finally:
+        file.write_bytes(before)
+
+
+TARGETS = {
+    "carmen": Target(logs, partial(described, ending=".log")),
+    "carmen-gzip": Target(gzipped, partial(described, ending=".log.gz")),
+    **{
+        name: Target(partial(bags, ending=f".{name}"), partial(described, ending=f".{name}"))
+        for name in ("bag", "db3", "mcap")
+    },
+    **{
+        name: Target(partial(clouds, ending=f".{name}"), partial(described, ending=f".{name}"))
+        for name in ("pcd", "ply", "npy", "xyz", "csv")
+    },
+    "text": Target(texts, text_found),
+    "filter": Target(filters, filtered),
+    "name": Target(names, named),
+    "index": Target(index_files, index_read),
+}

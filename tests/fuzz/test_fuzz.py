@@ -1,0 +1,60 @@
+"""The fuzzer's targets for seconds: sound inputs, those that once broke something, and random damage."""
+
+from pathlib import Path
+
+import pytest
+from fuzz import fuzzed
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from targets import TARGETS, tried
+
+FOUND = Path(__file__).with_name("found")
+OWN_TESTS = {"carmen", "carmen-gzip", "bag", "db3", "mcap", "pcd", "ply", "npy", "xyz", "csv"}  # of the readers
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where inputs are put; what is made beside it stays for all of them."""
+    folder = tmp_path_factory.mktemp("fuzz") / "inputs"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _back(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One target changes to the folder of its inputs."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_sound_inputs_get_past_the_door(folder: Path, name: str) -> None:
+    """Or the fuzzer would only ever fuzz the door. The bags are too short for a map, which is told last."""
+    target = TARGETS[name]
+    told = [tried(target, seed, folder) for seed in target.seeds(folder).values()]
+    assert None in told or all("travels less than" in (one or "") for one in told), told
+
+
+@pytest.mark.parametrize("path", sorted(FOUND.glob("*/*")), ids=lambda path: f"{path.parent.name}-{path.name}")
+def test_what_was_found_is_mended(folder: Path, path: Path) -> None:
+    tried(TARGETS[path.parent.name], path.read_bytes(), folder)
+
+
+@pytest.mark.parametrize("name", sorted(TARGETS.keys() - OWN_TESTS))
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damage_is_read_or_refused(folder: Path, name: str, data: st.DataObject) -> None:
+    target = TARGETS[name]
+    seeds = target.seeds(folder)
+    content = bytearray(data.draw(st.sampled_from(sorted(seeds.values()))))
+    for _ in range(data.draw(st.integers(1, 6))):
+        place = data.draw(st.integers(0, len(content) - 1))
+        content[place : place + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=3))
+        content = content or bytearray(b" ")
+    tried(target, bytes(content), folder)
+
+
+def test_the_fuzzer_fuzzes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("atheris")
+    monkeypatch.setattr("fuzz.FINDINGS", tmp_path / "findings")
+    row, sound = fuzzed("xyz", 200, None, tmp_path)
+    assert sound and row[:2] == ["xyz", "200"]

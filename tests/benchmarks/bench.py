@@ -216,7 +216,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
     )
     axes.set(xscale="log", yscale="log", xlabel="maps in the index", ylabel="a search, median, ms")
     axes.grid(alpha=0.3)
-    axes.legend()
+    axes.legend(fontsize="small", loc="lower right")
     figure.savefig(path, dpi=150)
 
 

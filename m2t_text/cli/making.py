@@ -77,7 +77,7 @@ def index(
         typer.Argument(
             metavar="SOURCE...",
             help="Laser logs: CARMEN .log, .clf, .gz; ROS .bag, .db3, .mcap or the folder of a bag. "
-            "Point clouds: .pcd, .ply, .xyz, .csv, .npy.",
+            "Point clouds: .pcd, .ply, .xyz, .csv, .npy. Saved ROS maps: .yaml.",
         ),
     ],
     index: IndexOption = DEFAULT_INDEX,
@@ -100,8 +100,8 @@ def index(
 ) -> None:
     """Describe every local map of laser logs as text, and put the texts into an index.
 
-    A point cloud is one map. A dataset that the index already holds is replaced. All sources are committed
-    together at the end.
+    A point cloud is one map; a saved map is seen from many places. A dataset that the index already holds is
+    replaced. All sources are committed together at the end.
 
     [bold]Examples[/bold]
 
@@ -111,6 +111,7 @@ def index(
     m2t-text index robot.log --index indexes/paper --profile paper
     m2t-text index drive.mcap --scan-topic /front/scan
     m2t-text index rooms/*.pcd --height 0.2 1.0
+    m2t-text index floor.yaml
     """
     from m2t_text.index.store import MapIndex
     from m2t_text.indexing import Request, index_sources

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from m2t_text.config import Parameters, parameters_of
+from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError
 from m2t_text.evaluation.metrics import median, pose_error
@@ -50,7 +50,6 @@ class Request:
         run: metres of travel in a query; 0 for single scans.
         queries: how many runs of each log are drawn.
         covered: share of a run's points that must lie on the map, at their true pose.
-        profile: the parameters' name.
         seed: of the draw.
         jobs: processes.
         folder: where the maps are kept; None to keep none.
@@ -60,7 +59,6 @@ class Request:
     run: float = 3.0
     queries: int = 200
     covered: float = 0.65
-    profile: str = "default"
     seed: int = 0
     jobs: int = 1
     folder: Path | None = None
@@ -120,14 +118,13 @@ def evaluate(request: Request, progress: Progress | None = None) -> list[Evaluat
 
     Raises:
         SourceError: if a log cannot be read, has no ground truth, or no run that its map covers.
-        M2TError: if there is no such profile, two sources would be one dataset, or a map cannot be written.
+        M2TError: if two sources would be one dataset, or a map cannot be written.
     """
     tell = progress or (lambda what, stage, done, of: None)
-    parameters = parameters_of(request.profile)
     names = dataset_names(request.sources, "evaluated")
     logs = [read_with_truth(path, name, tell) for path, name in zip(request.sources, names, strict=True)]
     with TemporaryDirectory(prefix="m2t-text-") as temporary:
-        return [_evaluated(log, Path(temporary), parameters, request, tell) for log in logs]
+        return [_evaluated(log, Path(temporary), PROFILES["default"], request, tell) for log in logs]
 
 
 def _evaluated(log: Log, folder: Path, parameters: Parameters, request: Request, tell: Progress) -> Evaluated:

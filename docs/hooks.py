@@ -94,7 +94,10 @@ def command_line() -> str:
     """The help of the program and of each command, as a terminal shows it."""
     from m2t_text.cli.app import app
 
-    names = [command.name or getattr(command.callback, "__name__", "") for command in app.registered_commands]
+    callbacks = (
+        command.name or getattr(command.callback, "__name__", "") for command in app.registered_commands
+    )
+    names = [name.replace("_", "-") for name in callbacks]  # as Typer does
     sections = [
         f"## m2t-text {name}\n\n```text\n{shown_help(name)}\n```\n"
         if name

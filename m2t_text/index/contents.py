@@ -47,7 +47,7 @@ SCHEMA_CLASSES = frozenset(
     }
 )
 SEGMENT_CLASSES = frozenset({"m2t_text.index.codec MapCodec", "m2t_text.index.codec MapSegment"})
-MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, struct_error)
+MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, struct_error)
 
 
 def generation(storage: MapStorage) -> int:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching n
     from m2t_text.sources import Source, Tell
 
 LOCK_SECONDS = 60.0  # to wait for another writer
+SHOWN = 80  # characters of a broken query
+DEEPEST = 12  # operators within operators: each ANDNOT, ANDMAYBE or REQUIRE doubles the time that Whoosh takes
 
 
 class MapIndex:
@@ -279,14 +281,23 @@ class MapIndex:
         Raises:
             QueryError: saying what is wrong with it.
         """
+        shown = string if len(string) <= SHOWN else string[: SHOWN - 3] + "..."
+        parser = QueryParser("text", self.whoosh.schema)
         try:
             string.encode()  # Whoosh looks names up as UTF-8
-            query = QueryParser("text", self.whoosh.schema).parse(string)
+            deep = _depth(parser.process(string)) > DEEPEST
+            query = NullQuery if deep else parser.parse(string)
         except (QueryParserError, UnicodeEncodeError) as error:
-            raise QueryError(f"{string!r} is not a query: {error}") from error
+            raise QueryError(f"{shown!r} is not a query: {error}") from error
+        except IndexError as error:  # in Whoosh, of an operator without operands, as NOT NOT
+            raise QueryError(f"{shown!r} is not a query: an operator has nothing to work on") from error
+        except RecursionError:
+            deep, query = True, NullQuery
+        if deep:
+            raise QueryError(f"{shown!r} nests operators too deeply; {DEEPEST} levels at most")
         broken = [leaf.error for leaf in query.leaves() if leaf.error is not None]
         if broken or query is NullQuery:
-            raise QueryError(f"{string!r} is not a query: {broken[0] if broken else 'it is empty'}")
+            raise QueryError(f"{shown!r} is not a query: {broken[0] if broken else 'it is empty'}")
         return query
 
     @contextmanager
@@ -331,3 +342,11 @@ def open_index(path: str | Path, parameters: Parameters | None = None) -> MapInd
             if not holds_index(Path(path)):  # else another process was quicker
                 raise
     return MapIndex.open(path, parameters)
+
+
+def _depth(group: Any) -> int:
+    """How many of Whoosh's groups of syntax lie within each other; level by level, as recursion has an end."""
+    depth, level = 0, [group]
+    while level:
+        depth, level = depth + 1, [node for one in level for node in getattr(one, "nodes", ())]
+    return depth

@@ -12,6 +12,7 @@ import tempfile
 import time
 import warnings
 from dataclasses import asdict, dataclass
+from hashlib import sha1
 from pathlib import Path
 
 import atheris
@@ -68,7 +69,11 @@ def main(name: str, runs: int, statistics: Path, findings: Path) -> None:
 
     def run(content: bytes) -> None:
         started = time.process_time()
-        refused = tried(target, content, folder)
+        try:
+            refused = tried(target, content, folder)
+        except BaseException:
+            (findings / f"crash-{sha1(content).hexdigest()}").write_bytes(content)  # as libFuzzer would name it
+            raise
         took = time.process_time() - started
         counted.runs += 1
         counted.sound += refused is None

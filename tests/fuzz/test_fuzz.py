@@ -39,6 +39,15 @@ def test_what_was_found_is_mended(folder: Path, path: Path) -> None:
     tried(TARGETS[path.parent.name], path.read_bytes(), folder)
 
 
+@pytest.mark.parametrize("at", range(30))
+def test_a_length_beyond_any_in_a_table_of_contents_is_refused(folder: Path, at: int) -> None:
+    """Found as a flipped byte that makes a number of variable length go on."""
+    target = TARGETS["index"]
+    for name, seed in target.seeds(folder).items():
+        if name.endswith(".toc"):
+            tried(target, seed[: at + 1] + b"\xff" * 12 + b"\x7f" + seed[at + 2 :], folder)
+
+
 @pytest.mark.parametrize("name", sorted(TARGETS.keys() - OWN_TESTS))
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())

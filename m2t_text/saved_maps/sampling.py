@@ -99,13 +99,13 @@ class Sampler:
         """
         units = np.array([self.grid.resolution, self.grid.resolution, 1.0])
         field, run = (2 * pi, 0.0) if around else (AHEAD, self.parameters.run_length)
-        begin = Beams(
+        beams = Beams(
             angles=pose[2] + np.arange(-field / 2, field / 2, BEAM),
             reach=self.parameters.range_limit / self.grid.resolution,
             veil=VEIL / self.grid.resolution,
         )
         step = STEP / self.grid.resolution
-        met, scans = seen(self.grid.states, self.open, pose / units, begin, int(run / STEP), step)
+        met, scans = seen(self.grid.states, self.open, pose / units, beams, int(run / STEP), step)
         poses = np.arange(scans)[:, None] * np.array([STEP, 0.0, 0.0])
         return transform(inverse(pose), met * self.grid.resolution), poses
 

@@ -5,11 +5,10 @@ shift how many of their points meet. The best are aligned as hits are.
 """
 
 from collections.abc import Sequence
+from itertools import count, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import maximum_filter
 
 from m2t_text.geometry import compose, transform, wrap
 from m2t_text.mapping.registration import CELL, HALF
@@ -64,11 +63,19 @@ def _overlap(fixed: Floats, moved: Sequence[Floats]) -> NDArray[np.float32]:
     everything = np.concatenate([fixed, *moved])
     low = everything.min(axis=0)
     cells = int(np.ptp(everything, axis=0).max() / GRID) + 3
-    size = next_fast_len(2 * cells, real=True)
+    size = _quick_size(2 * cells)
     images = np.zeros((len(moved) + 1, size, size), dtype=np.float32)
     for image, points in zip(images, [fixed, *moved], strict=True):
         x, y = ((points - low) / GRID).astype(np.int64).T + 1
         image[x, y] = 1
-    images[0] = maximum_filter(images[0], 3)
-    transformed = rfft2(images)
-    return irfft2(transformed[0] * transformed[1:].conj(), s=(size, size))
+    x, y = images[0].nonzero()
+    for dx, dy in product((-1, 0, 1), repeat=2):
+        images[0, x + dx, y + dy] = 1
+    transformed = np.fft.rfft2(images)
+    overlaps: NDArray[np.float32] = np.fft.irfft2(transformed[0] * transformed[1:].conj(), s=(size, size))
+    return overlaps
+
+
+def _quick_size(least: int) -> int:
+    """The next size that Fourier's transform is quick for: with no prime factors but 2, 3 and 5."""
+    return next(size for size in count(least) if pow(30, size, size) == 0)

@@ -6,6 +6,7 @@ shift how many of their points meet. The best are aligned as hits are.
 
 from collections.abc import Sequence
 from itertools import count, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ def _overlap(fixed: Floats, moved: Sequence[Floats]) -> NDArray[np.float32]:
     for dx, dy in product((-1, 0, 1), repeat=2):
         images[0, x + dx, y + dy] = 1
     transformed = np.fft.rfft2(images)
-    overlaps: NDArray[np.float32] = np.fft.irfft2(transformed[0] * transformed[1:].conj(), s=(size, size))
+    overlaps: NDArray[Any] = np.fft.irfft2(transformed[0] * transformed[1:].conj(), s=(size, size))
     return overlaps
 
 

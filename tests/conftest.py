@@ -10,7 +10,7 @@ from calling import Call
 from hypothesis import settings
 
 # The same examples on every machine; `pytest --hypothesis-profile=default` looks for others.
-settings.register_profile("same", derandomize=True)
+settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
 
 RADISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "radish"

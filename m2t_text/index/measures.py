@@ -1,14 +1,15 @@
 """Scores and their bounds: what a query's weighting asks of the compiled code."""
 
 import threading
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import Text
 from m2t_text.index import agreement, bounds, intersection
+from m2t_text.index.bounders import WINDOW, Bounder, FineBounder
 from m2t_text.index.collection import Collection
 from m2t_text.index.scores import Scores
 from m2t_text.index.texts import Texts
@@ -17,6 +18,7 @@ from m2t_text.index.windows import COARSE, FINE, Grid, Scratch
 
 Floats = NDArray[np.float64]
 Documents = NDArray[np.int64]
+Counts = NDArray[np.int32]
 
 REACH = 400  # cells; a query's keypoints farther from its viewpoint match nothing, and cost no memory
 ROUNDING = 1 - 1e-12  # of a sum that is needed to reach a quotient
@@ -116,8 +118,12 @@ class AgreementMeasure:
         return agreement.Board.of(self._seen, self._window)
 
     @cached_property
-    def _made_bounder(self) -> bounds.Bounder:
-        return bounds.Bounder.of(self._seen)
+    def _made_bounder(self) -> Bounder:
+        return Bounder.of(self._seen)
+
+    @cached_property
+    def _made_finer(self) -> FineBounder:
+        return FineBounder.of(self._seen, self._bounder)
 
     @property
     def _board(self) -> agreement.Board:
@@ -125,9 +131,14 @@ class AgreementMeasure:
             return self._made_board
 
     @property
-    def _bounder(self) -> bounds.Bounder:
+    def _bounder(self) -> Bounder:
         with self._lock:
             return self._made_bounder
+
+    @property
+    def _finer(self) -> FineBounder:
+        with self._lock:
+            return self._made_finer
 
     def promise(self, name: str, documents: Documents) -> Floats:
         shares = np.zeros(len(documents))
@@ -136,23 +147,32 @@ class AgreementMeasure:
         return shares
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
-        return self._bounded(bounds.coarse_bounds, name, documents, threshold, COARSE)
+        def coarse(needed: Counts, most: Counts) -> None:
+            room = self._room(COARSE)
+            bounds.coarse_bounds(self._texts(name), documents, self._bounder, needed, room, most)
+
+        return self._bounded(coarse, name, documents, threshold)
 
     def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
-        return self._bounded(bounds.fine_bounds, name, documents, threshold, COARSE, FINE)
+        def fine(needed: Counts, most: Counts) -> None:
+            query, rooms = (self._bounder, self._finer), (self._room(COARSE), self._room(FINE))
+            bounds.fine_bounds(self._texts(name), documents, *query, needed, *rooms, most)
 
-    def _bounded(self, kernel: Any, name: str, documents: Documents, threshold: float, *grids: Grid) -> Floats:
-        """What one of the kernels of `bounds` tells."""
+        return self._bounded(fine, name, documents, threshold)
+
+    def _bounded(
+        self, bound: Callable[[Counts, Counts], None], name: str, documents: Documents, threshold: float
+    ) -> Floats:
+        """Bounds of scores, by one of |Q'| + |M'| that, for what is needed, writes the most there may be."""
         if not len(self._seen.wa):
             return np.zeros(len(documents))
-        if self._window > bounds.WINDOW:
+        if self._window > WINDOW:
             return np.ones(len(documents))
         sizes = self._sizes(name, documents)
         needed = np.ceil(threshold * sizes)
         needed -= (needed - 1) / sizes >= threshold  # where rounding went up
         most = np.zeros(len(documents), dtype=np.int32)
-        scratch = (self._room(grid) for grid in grids)
-        kernel(self._texts(name), documents, self._bounder, needed.astype(np.int32), *scratch, most)
+        bound(needed.astype(np.int32), most)
         return most / sizes
 
     def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 U = np.uint64
+BLANK = 16  # rows before and behind the place of nothing
 
 
 class Grid(NamedTuple):
@@ -29,59 +30,89 @@ class Grid(NamedTuple):
 
     @property
     def empty(self) -> int:
-        """A place of which the windows tell that nothing is near."""
-        return self.side * self.side
+        """A place of which the windows tell that nothing is near, as of those up to BLANK - 1 rows away."""
+        return (self.side + BLANK) * self.side
 
     def places(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
         """Of cells in the windows of a map."""
         return (y + self.side // 2) * self.side + x + self.side // 2
 
+    @property
+    def block(self) -> int:
+        """Words that hold the grid, and what is blank."""
+        return self.words * (self.side + 2 * BLANK)
+
     def scratch(self) -> "Scratch":
         """Room for a map."""
-        return Scratch(*(np.zeros(self.words * (self.side + 16), np.uint64) for _ in range(3)))
+        return Scratch(*(np.zeros(blocks * self.block, np.uint64) for blocks in (KINDS, 1, 1)))
 
 
 class Scratch(NamedTuple):
-    """What is worked on for one map: cells taken, cells near them, and windows. All zero at first."""
+    """What is worked on for one map: cells taken of each kind, cells near them, and windows. Zero at first."""
 
     taken: NDArray[np.uint64]
     near: NDArray[np.uint64]
     windows: NDArray[np.uint64]
 
 
+KINDS = (
+    4  # of keypoints: those in the first column of a coarse cell or not, times those in the first row or not
+)
 COARSE, FINE = Grid(12), Grid(38)
 STEP = 3  # cells of a map, in x and in y, that lie in one of the coarse grid
-ANY, FIRST_X, FIRST_Y = 1, 2, 4  # bits of a coarse cell: a keypoint, one in its first column, in its first row,
-# and FIRST_X * FIRST_Y: one in both
+ANY, FIRST_X, FIRST_Y = U(1), U(2), U(4)  # bits of a coarse cell: a keypoint, one in its first column, in its
+# first row, and FIRST_X * FIRST_Y: one in both
+OF_X, OF_Y, OF_BOTH = ANY | FIRST_X, ANY | FIRST_Y, (ANY | FIRST_X) * (ANY | FIRST_Y)
 IN_X = U(0x0505050505050505)  # ANY and FIRST_Y of eight cells
 ONES = U(0x0101010101010101)
 COARSE_WORDS, COARSE_SIDE, FINE_WORDS, FINE_SIDE = COARSE.words, COARSE.side, FINE.words, FINE.side
+COARSE_BLOCK, COARSE_MIDDLE = COARSE.block, STEP * COARSE_SIDE // 2
 
 
 @numba.njit(cache=True, nogil=True)
-def coarse_windows(x: Any, y: Any, size: Any, scratch: Any) -> Any:
+def _mark_coarse(x: Any, y: Any, size: Any, taken: Any, places: Any) -> Any:
+    """Takes the coarse cells of a map's keypoints, each kind in a block of its own; returns their lowest and
+    highest row.
+
+    Nothing is read where something was just written, and numbers of 32 bits are computed several at a time.
+    """
+    three, inner = np.uint32(STEP), np.uint32(COARSE_SIDE - 2)
+    block, across = np.uint32(8 * COARSE_BLOCK), np.uint32(COARSE_SIDE)
+    low: Any = COARSE_SIDE
+    high: Any = 0
+    for k in range(U(size)):
+        i, j = np.uint32(x[k] + COARSE_MIDDLE), np.uint32(y[k] + COARSE_MIDDLE)
+        column, row = np.uint32(i // three), np.uint32(j // three)
+        inside = (np.uint32(column - 2) < inner) & (np.uint32(row - 2) < inner)
+        low = min(low, np.int64(row) if inside else COARSE_SIDE)
+        high = max(high, np.int64(row) if inside else 0)
+        kind = np.uint32(i == column * STEP) + np.uint32(2) * np.uint32(j == row * STEP)
+        place = np.uint32(kind * block + row * across + column)
+        places[k] = place if inside else np.uint32(block - 1)
+    cells = taken.view(np.uint8)
+    for k in range(U(size)):
+        cells[places[k]] = 1
+    return U(low), U(high)
+
+
+@numba.njit(cache=True, nogil=True)
+def coarse_windows(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
     """The windows of a map (as bytes) in which a group of the query's keypoints in cell g is looked up.
 
     Cell g tells of keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
-    keypoint in g may come to lie under the offsets of a step, and a cell more on each side.
+    keypoint in g may come to lie under the offsets of a step, and a cell more on each side. The ``places``
+    (>= size,) uint32 are room to work in.
     """
     taken, near, windows = scratch
-    width = U(COARSE_WORDS)
-    cells = taken.view(np.uint8)
-    side, step = U(COARSE_SIDE), U(STEP)
-    low, high = side, U(0)
-    for k in range(U(size)):
-        i, j = U(np.int64(x[k]) + STEP * COARSE_SIDE // 2), U(np.int64(y[k]) + STEP * COARSE_SIDE // 2)
-        column, row = i // step, j // step
-        if U(2) <= column < side and U(2) <= row < side:
-            low, high = min(low, row), max(high, row)
-            # without branches, which would be guessed wrong every third time
-            kind = (ANY + FIRST_X * (i == column * step)) * (ANY + FIRST_Y * (j == row * step))
-            cells[row * side + column] |= np.uint8(kind)
+    width, block = U(COARSE_WORDS), U(COARSE_BLOCK)
+    low, high = _mark_coarse(x, y, size, taken, places)
     if low > high:
         windows[:] = U(0)
         return windows.view(np.uint8)
     begin, end = width * (low - U(2)), width * (high + U(1))
+    for k in range(begin, end + U(1)):
+        in_x, in_y, in_both = taken[k + block], taken[k + U(2) * block], taken[k + U(3) * block]
+        taken[k] = taken[k] * ANY | in_x * OF_X | in_y * OF_Y | in_both * OF_BOTH
     for k in range(begin, end):
         next_word = taken[k + U(1)]
         one = taken[k] >> U(8) | next_word << U(56)
@@ -90,7 +121,8 @@ def coarse_windows(x: Any, y: Any, size: Any, scratch: Any) -> Any:
     near[end : end + U(2) * width] = U(0)
     for k in range(begin, end):
         near[k] = (near[k] | near[k + width]) & ONES | near[k + U(2) * width] >> U(2) & ONES
-    taken[begin:end] = U(0)
+    for kind in range(U(KINDS)):
+        taken[kind * block + begin : kind * block + end] = U(0)
     _stack(near, windows, begin, end, width)
     return windows.view(np.uint8)
 

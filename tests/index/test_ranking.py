@@ -1,5 +1,6 @@
 """Searching only as far as bounds demand: nothing is missed, and the order is that of all scores."""
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +9,7 @@ from map_oracle import document, random_text
 
 from m2t_text.config import MatchingParameters, Parameters
 from m2t_text.description.text import Text
-from m2t_text.index import agreement, bounds, planes
+from m2t_text.index import agreement, bounders, bounds, lanes, planes
 from m2t_text.index.store import MapIndex
 from m2t_text.index.texts import Texts
 from m2t_text.index.views import views
@@ -33,14 +34,15 @@ def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: 
     both, matched = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
     found, coarse = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
     agreement.agree(texts, documents, agreement.Board.of(seen, 10), both, matched, found)
-    bounder = bounds.Bounder.of(seen)
+    bounder = bounders.Bounder.of(seen)
     bounds.coarse_bounds(texts, documents, bounder, np.zeros_like(both), COARSE.scratch(), coarse)
     early = np.zeros_like(coarse)
     bounds.coarse_bounds(texts, documents, bounder, both + 1, COARSE.scratch(), early)
     assert ((early == coarse) | (early == 0)).all()
     needed = np.maximum(np.full(len(maps), int(np.median(both)), dtype=np.int32), 1)
     fine = np.zeros(len(maps), dtype=np.int32)
-    bounds.fine_bounds(texts, documents, bounder, needed, COARSE.scratch(), FINE.scratch(), fine)
+    finer = bounders.FineBounder.of(seen, bounder)
+    bounds.fine_bounds(texts, documents, bounder, finer, needed, COARSE.scratch(), FINE.scratch(), fine)
     return both, coarse, fine, needed
 
 
@@ -53,7 +55,7 @@ def test_no_score_exceeds_its_bounds(seed, span, directions):
     maps = copies + [walls(rng, int(rng.integers(1, 300)), span) for _ in range(8)]
     both, coarse, fine, needed = measured(query, maps, (0, 1, 2, 3), directions)
     assert (coarse >= both).all()
-    if max(np.abs(query.wx).max(), np.abs(query.wy).max()) < bounds.LIMIT / 1.5:  # in each direction
+    if max(np.abs(query.wx).max(), np.abs(query.wy).max()) < bounders.LIMIT / 1.5:  # in each direction
         assert (fine <= coarse).all()
     assert (fine[both >= needed] >= both[both >= needed]).all()
 
@@ -71,34 +73,73 @@ def test_the_fine_bound_is_the_largest_overlap_of_all_offsets():
     both, _, fine, needed = measured(query, [found], (0,), 1)
     q, m = (np.stack([t.wx, t.wy], 1).astype(int) for t in (query, found))
     most = 0
-    for dx in range(bounds.FIRST, bounds.FIRST + 26):
-        for dy in range(bounds.FIRST, bounds.FIRST + 26):
+    for dx in range(bounders.FIRST, bounders.FIRST + 26):
+        for dy in range(bounders.FIRST, bounders.FIRST + 26):
             near = np.abs(q[:, None] + [dx, dy] - m[None]).max(axis=2) <= 1
             most = max(most, int(near.any(axis=0).sum() + near.any(axis=1).sum()))
     assert both[0] <= fine[0] <= most
     assert needed[0] <= fine[0]
 
 
-@given(st.lists(st.integers(0, 2**64 - 1), max_size=90), st.integers(0, 3), st.integers(0, 200))
+@given(
+    st.lists(st.tuples(*[st.integers(0, 2**64 - 1)] * 4), max_size=90), st.integers(0, 3), st.integers(0, 200)
+)
 def test_sums_of_bits(masks, digit, number):
-    filled = np.array([*masks, *[0] * (-len(masks) % 8)], dtype=np.uint64)
-    sums = np.zeros(planes.DIGITS, dtype=np.uint64)
+    filled = np.array([*masks, *[(0, 0, 0, 0)] * (-len(masks) % 8)], dtype=np.uint64).reshape(-1, 4)
+    sums = np.zeros((planes.DIGITS, 4), dtype=np.uint64)
     planes.add_masks(filled, len(filled), sums, 0)
     planes.add_masks(filled, len(filled), sums, digit)
-    wanted = [(1 + 2**digit) * sum(mask >> bit & 1 for mask in masks) for bit in range(64)]
-    got = [sum((int(plane) >> bit & 1) << place for place, plane in enumerate(sums)) for bit in range(64)]
-    assert got == wanted
-    assert planes.largest(sums, ~U(0)) == max(wanted)
-    assert planes.largest(sums, U(0b1010)) == max(wanted[1], wanted[3])
-    reaching = planes.at_least(sums, number)
-    assert [int(reaching) >> bit & 1 for bit in range(64)] == [total >= number for total in wanted]
+    reaching = np.zeros((1, 4), dtype=np.uint64)
+    written_at_least(sums, number, reaching)
+    wanted = np.zeros((4, 64), dtype=int)
+    for lane in range(4):
+        wanted[lane] = [(1 + 2**digit) * sum(mask[lane] >> bit & 1 for mask in masks) for bit in range(64)]
+        column = [int(plane) for plane in sums[:, lane]]
+        got = [sum((plane >> bit & 1) << place for place, plane in enumerate(column)) for bit in range(64)]
+        assert got == wanted[lane].tolist()
+        told = [bool(int(reaching[0, lane]) >> bit & 1) for bit in range(64)]
+        assert told == (wanted[lane] >= number).tolist()
+    assert planes.largest(sums, ~U(0)) == wanted.max()
+    assert planes.largest(sums, U(0b1010)) == wanted[:, [1, 3]].max()
+
+
+@numba.njit
+def written_at_least(sums, number, rows):
+    lanes.put(rows, U(0), planes.at_least(sums, number))
 
 
 def test_sums_that_need_many_digits():
-    masks = np.full(6000, ~U(0))
-    sums = np.zeros(planes.DIGITS, dtype=np.uint64)
+    masks = np.full((6000, 4), ~U(0))
+    sums = np.zeros((planes.DIGITS, 4), dtype=np.uint64)
     planes.add_masks(masks, 6000, sums, 3)
     assert planes.largest(sums, ~U(0)) == 48_000
+
+
+@numba.njit
+def written(bits, places, move, rows):
+    """What the operations on lanes give, a row each."""
+    a, b = lanes.at(rows, U(0)), lanes.at(rows, U(1))
+    lanes.put(rows, U(2), a & b)
+    lanes.put(rows, U(3), a | b)
+    lanes.put(rows, U(4), a ^ b)
+    lanes.put(rows, U(5), ~a)
+    lanes.put(rows, U(6), lanes.every(U(7)))
+    lanes.put(rows, U(7), lanes.gathered(bits, places, U(1), move))
+    return lanes.some(a & b)
+
+
+def test_lanes_are_four_words():
+    rng = np.random.default_rng(2)
+    rows = rng.integers(0, 2**64, (8, 4), dtype=np.uint64)
+    rows[1] = [0, 0, 1 << 63, 0]
+    rows[0, 2] |= U(1 << 63)
+    bits, places = rng.integers(0, 256, 100, dtype=np.uint8), np.array([[0, 0, 0, 0], [0, 13, 60, 85]])
+    a, b = rows[0].copy(), rows[1].copy()
+    assert written(bits, places, 7, rows)
+    assert rows[2:7].tolist() == [(a & b).tolist(), (a | b).tolist(), (a ^ b).tolist(), (~a).tolist(), [7] * 4]
+    assert rows[7].tolist() == [int.from_bytes(bits[p + 7 : p + 15].tobytes(), "little") for p in places[1]]
+    rows[0, 2] = 0
+    assert not written(bits, places, 0, rows)
 
 
 @pytest.mark.parametrize("score", ["agreement", "intersection"])

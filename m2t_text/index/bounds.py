@@ -51,7 +51,7 @@ def _add_cells(table: Any, places: Any, count: Any, masks: Any, planes: Any) -> 
 def _add_windows(
     windows: Any, cells: Any, begin: Any, end: Any, move: Any, masks: Any, planes: Any, digit: Any
 ) -> None:
-    """Adds what the windows tell of the query's cells, moved by so many bytes; for the digit see `add_masks`."""
+    """Adds what the windows tell of the query's cells, moved by so many bytes; see `add_masks`."""
     for k in range(U(end - begin)):
         put(masks, k, gathered(windows, cells, U(begin) + k, move))
     add_masks(masks, end - begin, planes, digit)

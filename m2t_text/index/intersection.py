@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import WORDS, Text
+from m2t_text.index.lanes import at, every, filled, least, ones, put, rotated
 from m2t_text.index.texts import Texts
 from m2t_text.index.unpacking import cells_of, run_of, word_of
 
@@ -29,7 +30,8 @@ class Tables(NamedTuple):
         half: cells from the middle of a table to its end.
         counts: (1024,) int64 keypoints of the query with each word.
         places: (1024,) int64 where the tables of a word begin in ``near``; it has one for each 64 keypoints.
-        near: (T,) uint64; of each table 2 half cells, of each the sets within the window in x and in y.
+        near: (T, 4) uint64; of each table 2 half cells, of each the sets within the window of it in x, of the
+            cell opposite in y and in x, and of it in y.
     """
 
     half: int
@@ -44,8 +46,8 @@ class Tables(NamedTuple):
         half = reach + window + 2
         counts = np.bincount(text.wa, minlength=WORDS).astype(np.int64)
         tables = (counts + BITS - 1) // BITS
-        places = (np.cumsum(tables) - tables) * 4 * half
-        near = np.zeros(int(tables.sum()) * 4 * half, dtype=np.uint64)
+        places = (np.cumsum(tables) - tables) * 2 * half
+        near = np.zeros((int(tables.sum()) * 2 * half, TURNS), dtype=np.uint64)
         words = text.wa.astype(np.int64)
         _fill(near, places[words], text.wx.astype(np.int64), text.wy.astype(np.int64), words, half, window)
         return cls(half, counts, places, near)
@@ -57,69 +59,57 @@ def _fill(near: Any, places: Any, wx: Any, wy: Any, wa: Any, half: Any, window: 
     number = 0
     for k in range(len(wa)):
         number = 0 if k == 0 or wa[k] != wa[k - 1] else number + 1
-        table = places[k] + number // BITS * 4 * half
+        table = places[k] + number // BITS * 2 * half
+        last = table + 2 * half - 1
         bit = U(1) << U(number % BITS)
-        for step in range(-window, window + 1):
-            near[table + 2 * (wx[k] + step + half)] |= bit
-            near[table + 2 * (wy[k] + step + half) + 1] |= bit
+        for step in range(half - window, half + window + 1):
+            near[table + wx[k] + step, 0] |= bit
+            near[last - wy[k] - step, 1] |= bit
+            near[last - wx[k] - step, 2] |= bit
+            near[table + wy[k] + step, 3] |= bit
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _popcount(bits: Any) -> Any:
-    bits = bits - ((bits >> U(1)) & U(0x5555555555555555))
-    bits = (bits & U(0x3333333333333333)) + ((bits >> U(2)) & U(0x3333333333333333))
-    bits = (bits + (bits >> U(4))) & U(0x0F0F0F0F0F0F0F0F)
-    return np.int64((bits * U(0x0101010101010101)) >> U(56))
+@numba.njit(inline="always")
+def _sets(near: Any, table: Any, half: Any, x: Any, y: Any) -> Any:
+    """The query's keypoints that one of a map matches, under each turn. The tables' cells beyond are empty.
 
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _sets(near: Any, base: Any, half: Any, x: Any, y: Any) -> Any:
-    """The query's keypoints that one of a map matches, under each turn. The tables' cells beyond are empty."""
+    Under the second turn, for one, x of the query lies near y of the map, and y near the opposite of x.
+    """
     last = U(2 * half - 1)
     i, j = min(U(np.int64(x) + half), last), min(U(np.int64(y) + half), last)
-    k, m = last - i, last - j
-    x_i, y_i = near[base + U(2) * i], near[base + U(2) * i + U(1)]
-    x_j, y_j = near[base + U(2) * j], near[base + U(2) * j + U(1)]
-    x_k, y_k = near[base + U(2) * k], near[base + U(2) * k + U(1)]
-    x_m, y_m = near[base + U(2) * m], near[base + U(2) * m + U(1)]
-    return x_i & y_j, y_k & x_j, x_k & y_m, y_i & x_m
+    return at(near, table + i) & rotated(at(near, table + j))
 
 
 @numba.njit(cache=True, nogil=True)
-def _matches(near: Any, table: Any, half: Any, x: Any, y: Any, begin: Any, end: Any) -> Any:
-    """min(|Q'_a|, |M'_a|) under each turn, of the map's keypoints begin...end, all of a word of one table."""
-    base = U(table)
-    all_0, all_1, all_2, all_3 = U(0), U(0), U(0), U(0)
-    met_0, met_1, met_2, met_3 = 0, 0, 0, 0
+def _matches(near: Any, table: Any, half: Any, x: Any, y: Any, begin: Any, end: Any, both: Any) -> None:
+    """Writes min(|Q'_a|, |M'_a|) under each turn to ``both`` (1, 4) uint64.
+
+    All of the map's keypoints begin...end are of one word, and that of one table.
+    """
+    union, met = every(U(0)), every(U(0))
     for k in range(begin, end):
-        set_0, set_1, set_2, set_3 = _sets(near, base, half, x[k], y[k])
-        all_0, all_1, all_2, all_3 = all_0 | set_0, all_1 | set_1, all_2 | set_2, all_3 | set_3
-        met_0, met_1 = met_0 + (set_0 != U(0)), met_1 + (set_1 != U(0))
-        met_2, met_3 = met_2 + (set_2 != U(0)), met_3 + (set_3 != U(0))
-    return (
-        min(_popcount(all_0), met_0), min(_popcount(all_1), met_1),
-        min(_popcount(all_2), met_2), min(_popcount(all_3), met_3),
-    )  # fmt: skip
+        sets = _sets(near, U(table), half, x[k], y[k])
+        union, met = union | sets, met + filled(sets)
+    put(both, U(0), least(ones(union), met))
 
 
 @numba.njit(cache=True, nogil=True)
-def _many_matches(near: Any, table: Any, tables: Any, half: Any, x: Any, y: Any, begin: Any, end: Any) -> Any:
+def _many_matches(
+    near: Any, table: Any, tables: Any, half: Any, x: Any, y: Any, begin: Any, end: Any, both: Any
+) -> None:
     """The same of a word of several tables."""
-    seen, met = np.zeros(TURNS, np.int64), np.zeros(TURNS, np.int64)
-    hit = np.zeros((end - begin, TURNS), np.bool_)
+    hit = np.zeros((np.int64(end - begin), TURNS), np.uint64)
+    seen, met = every(U(0)), every(U(0))
     for t in range(tables):
-        base = U(table + t * 4 * half)
-        union = np.zeros(TURNS, np.uint64)
+        union = every(U(0))
         for k in range(begin, end):
-            sets = _sets(near, base, half, x[k], y[k])
-            for turn in range(TURNS):
-                union[turn] |= sets[turn]
-                hit[k - begin, turn] |= sets[turn] != U(0)
-        for turn in range(TURNS):
-            seen[turn] += _popcount(union[turn])
-    for row in hit:
-        met += row
-    return min(seen[0], met[0]), min(seen[1], met[1]), min(seen[2], met[2]), min(seen[3], met[3])
+            sets = _sets(near, U(table + t * 2 * half), half, x[k], y[k])
+            union = union | sets
+            put(hit, k - begin, at(hit, k - begin) | sets)
+        seen = seen + ones(union)
+    for k in range(U(len(hit))):
+        met = met + filled(at(hit, k))
+    put(both, U(0), least(seen, met))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -142,15 +132,17 @@ def intersect(
     for document in documents:
         room = max(room, texts.starts[document + 1] - texts.starts[document])
     x, y = np.empty(room, np.int32), np.empty(room, np.int32)
-    open_sums = np.zeros(TURNS)
+    both, sums, total = np.zeros((1, TURNS), np.uint64), np.zeros(TURNS), np.zeros(TURNS, np.int64)
+    missing = np.zeros(TURNS)  # what the sums lack so far to what no intersection exceeds
     runs, run_starts, near, half = texts.runs, texts.run_starts, tables.near, tables.half
     counts, places = tables.counts, tables.places
     for k in range(len(documents)):
         document = documents[k]
         size = U(cells_of(texts, document, x, y))
-        count[k], score[k] = 0, 0.0
+        for turn in range(TURNS):
+            sums[turn], total[turn], missing[turn] = 0.0, 0, 0.0 if turns[turn] else np.inf
         place, end = U(run_starts[document]), U(run_starts[document + 1])
-        open_sums[:] = _most(runs, place, end, counts, weights)
+        most = _most(runs, place, end, counts, weights)
         keypoint = U(0)
         while place < end:
             word, run, place = word_of(runs, place, end)
@@ -158,21 +150,22 @@ def intersect(
             last = min(keypoint + run, size)  # no farther, even if the index is damaged
             if found:
                 if found <= BITS:
-                    both = _matches(near, places[word], half, x, y, keypoint, last)
+                    _matches(near, places[word], half, x, y, keypoint, last, both)
                 else:
                     number = (found + BITS - 1) // BITS
-                    both = _many_matches(near, places[word], number, half, x, y, keypoint, last)
-                possible = False
+                    _many_matches(near, places[word], number, half, x, y, keypoint, last, both)
+                weight, possible = weights[word], min(found, np.int64(run))
                 for turn in range(TURNS):
-                    if turns[turn]:
-                        count[k, turn] += both[turn]
-                        score[k, turn] += weights[word] * both[turn]
-                        open_sums[turn] -= weights[word] * (min(found, np.int64(run)) - both[turn])
-                        possible |= open_sums[turn] >= needed[k]
-                if not possible:
-                    count[k], score[k] = 0, 0.0
+                    matched = np.int64(both[0, turn])
+                    total[turn] += matched
+                    sums[turn] += weight * matched
+                    missing[turn] += weight * (possible - matched)
+                if most - min(missing[0], missing[1], missing[2], missing[3]) < needed[k]:
+                    sums[:], total[:] = 0.0, 0
                     break
             keypoint = last
+        for turn in range(TURNS):
+            count[k, turn], score[k, turn] = total[turn] * turns[turn], sums[turn] * turns[turn]
 
 
 @numba.njit(cache=True, nogil=True)

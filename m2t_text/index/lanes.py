@@ -1,6 +1,6 @@
 """Four 64 bit words that are worked on at once, compiled: a vector register of any common processor holds them.
 
-Compiled code computes with them as with numbers: ``&``, ``|``, ``^`` and ``~`` of all 256 bits.
+Compiled code computes with them as with numbers: ``&``, ``|``, ``^`` and ``~`` of all bits, ``+`` of each word.
 """
 
 import operator
@@ -31,8 +31,8 @@ class _Model(models.PrimitiveModel):
         super().__init__(manager, kind, VECTOR)
 
 
-def _bitwise(operation: Any, instruction: str) -> None:
-    """Makes an operation of two lanes one instruction."""
+def _operation(operation: Any, instruction: str) -> None:
+    """Makes an operation on lanes one instruction."""
 
     @type_callable(operation)
     def typed(context: Any) -> Any:
@@ -43,9 +43,10 @@ def _bitwise(operation: Any, instruction: str) -> None:
         return getattr(builder, instruction)(*arguments)
 
 
-_bitwise(operator.and_, "and_")
-_bitwise(operator.or_, "or_")
-_bitwise(operator.xor, "xor")
+_operation(operator.and_, "and_")
+_operation(operator.or_, "or_")
+_operation(operator.xor, "xor")
+_operation(operator.add, "add")
 
 
 @type_callable(operator.invert)
@@ -132,3 +133,50 @@ def some(typing: Any, value: Any) -> Any:
         return builder.icmp_unsigned("!=", builder.bitcast(arguments[0], whole), whole(0))
 
     return types.boolean(lanes), compare
+
+
+@intrinsic
+def filled(typing: Any, value: Any) -> Any:
+    """1 in each lane that is not 0."""
+
+    def compare(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero = ir.Constant(VECTOR, [0] * LANES)
+        return builder.zext(builder.icmp_unsigned("!=", arguments[0], zero), VECTOR)
+
+    return lanes(lanes), compare
+
+
+@intrinsic
+def rotated(typing: Any, value: Any) -> Any:
+    """The last lane first, and the others behind it."""
+
+    def shuffle(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [LANES - 1, *range(LANES - 1)])
+        return builder.shuffle_vector(arguments[0], arguments[0], order)
+
+    return lanes(lanes), shuffle
+
+
+@intrinsic
+def ones(typing: Any, value: Any) -> Any:
+    """The number of bits set in each lane."""
+
+    def count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        counted = ir.Constant(VECTOR, ir.Undefined)
+        for lane in range(LANES):
+            number = ir.IntType(32)(lane)
+            bits = builder.ctpop(builder.extract_element(arguments[0], number))
+            counted = builder.insert_element(counted, bits, number)
+        return counted
+
+    return lanes(lanes), count
+
+
+@intrinsic
+def least(typing: Any, value: Any, other: Any) -> Any:
+    """The smaller number of each lane."""
+
+    def choose(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.select(builder.icmp_unsigned("<", *arguments), *arguments)
+
+    return lanes(lanes, lanes), choose

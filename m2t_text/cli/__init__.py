@@ -1,5 +1,6 @@
 """The command line. It parses and prints; what it calls computes. Heavy imports stay inside the commands."""
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -13,7 +14,9 @@ def main() -> None:
     from m2t_text.cli.starting import start_quickly
 
     start_quickly()
-    sys.exit(run())
+    status = run()
+    gc.freeze()  # or the interpreter looks through half a million objects for cycles, only to end
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -15,7 +15,7 @@ def main() -> None:
 
     start_quickly()
     status = run()
-    gc.freeze()  # or the interpreter looks through half a million objects for cycles, only to end
+    gc.freeze()  # or the interpreter looks for cycles among all that was loaded, only to end
     sys.exit(status)
 
 

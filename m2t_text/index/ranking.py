@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 Documents = NDArray[np.int64]
 Part = TypeVar("Part")
 
-SHARE = 1024  # documents that a thread takes at a time, at most
+SHARES = 32  # parts for each thread, so that all of them end together; but
+LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
 
 class Measure(Protocol):
@@ -48,7 +49,7 @@ class Ranking:
     def __init__(self, measure: Measure, allowed: Mapping[str, Documents]) -> None:
         self._measure = measure
         self._names = list(allowed)
-        self._segments = np.repeat(np.arange(len(allowed)), [len(part) for part in allowed.values()])
+        self._begins = np.cumsum([0, *[len(part) for part in allowed.values()]])
         self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
         self._threads = ThreadPoolExecutor(cores(None))
 
@@ -78,15 +79,16 @@ class Ranking:
             bounds = _joined(self._each(self._measure.bound, every, last))
         bounds[done] = 0.0
         rest = np.flatnonzero((bounds > 0) & (bounds >= last))
-        rest = rest[np.argsort(-bounds[rest], kind="stable")]
-        while len(rest) and bounds[rest[0]] >= last:
+        rest = rest[_descending(bounds[rest])]
+        while len(rest):
             # Batches double: few of them, and what the first ones find spares a close look at the later ones.
-            batch, rest = np.split(rest[bounds[rest] >= last], [len(done)])
+            batch, rest = np.split(rest, [len(done)])
             tight = _joined(self._each(self._measure.tighten, np.sort(batch), last))
             promising = np.sort(batch)[tight >= last]
             scores = Scores.joined([scores, self._scores(promising, last)])
             done = np.append(done, promising)
             last = _last(scores, top)
+            rest = rest[bounds[rest] >= last]
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
         return done[kept], scores[kept]
 
@@ -99,15 +101,24 @@ class Ranking:
     def _each(self, work: Callable[..., Part], places: NDArray[np.int64], *arguments: float) -> Sequence[Part]:
         """What the work gives for ascending places, part by part of one segment each."""
         parts: list[tuple[str, Documents]] = []
-        share = max(1, min(SHARE, len(places) // cores(None)))
+        threads = cores(None)
+        share = max(1, min(max(LEAST, len(places) // (SHARES * threads)), len(places) // threads))
         for number, name in enumerate(self._names):
-            own = self._documents[places[self._segments[places] == number]]
+            begin, end = np.searchsorted(places, self._begins[number : number + 2])
+            own = self._documents[places[begin:end]]
             parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
         return list(self._threads.map(lambda part: work(*part, *arguments), parts))
 
 
 def _joined(parts: Sequence[Floats]) -> Floats:
     return np.concatenate([np.zeros(0), *parts])
+
+
+def _descending(values: Floats) -> NDArray[np.int64]:
+    """The order of values from the largest, but for those that hardly differ: 16 bits are sorted in linear time."""
+    most = float(values.max(initial=0.0))
+    keys = np.floor(values * (65535 / most)) if most > 0 else values
+    return np.argsort((65535 - keys).astype(np.uint16), kind="stable")
 
 
 def _largest(values: Floats, count: int) -> NDArray[np.int64]:

@@ -102,8 +102,11 @@ def clouds(folder: Path, ending: str) -> Seeds:
 
 @cache
 def searched(folder: Path) -> MapIndex:
-    """A small index beside the folder of the inputs, made once; its own files stay as they are."""
-    return built(folder.with_name("searched"), STATE)
+    """A small index beside the folder of the inputs, made once; its own files stay as they are.
+
+    It is pinned: that nobody commits to it need not be looked up for every input.
+    """
+    return built(folder.with_name("searched"), STATE).pinned()
 
 
 def typed(content: bytes) -> str:
@@ -147,7 +150,12 @@ def texts(folder: Path) -> Seeds:
 
 
 def filters(folder: Path) -> Seeds:
-    strings = "dataset:a AND travel:[10 TO 20]", "NOT (dataset:b OR map_id:a/00*)", "x0_y0_a5^2 'a b' travel:>3"
+    strings = (
+        "dataset:a AND travel:[10 TO 20]",
+        "NOT (dataset:b OR map_id:a/00*)",
+        "x0_y0_a5^2 OR travel:[3 TO]",
+        "x0_y0_a5^2 'a b' travel:>3",
+    )
     return {str(number): string.encode() for number, string in enumerate(strings)}
 
 

@@ -85,7 +85,7 @@ def test_a_ray_goes_where_one_of_tiny_steps_goes(
         cast(states, x + dx, y + dy, angle + turn, reach + more, veil)
         for dx, dy, turn, more in product((-1e-4, 0, 1e-4), (-1e-4, 0, 1e-4), (-2e-3, 0, 2e-3), (0, -5e-3))
     ]
-    # A ray that grazes a corner, begins or ends in one, may go either way; one of its neighbours goes as the slow.
+    # A ray that grazes a corner, begins or ends in one, may go either way; a neighbour goes as the slow one.
     assert any(fast == slow == math.inf or abs(fast - slow) < 0.03 for fast in near)
 
 

@@ -176,6 +176,12 @@ def test_a_wrong_header_gets_one_line(tmp_path: Path, changes: dict[str, Any], m
         ),
         (b"[" * 5000, "is not the YAML file of a map"),
         (b"date: 2001-99-99\n", "is not the YAML file of a map"),
+        (b"date: !!timestamp tomorrow\n", "is not the YAML file of a map"),
+        (b"negate: !!bool perhaps\n", "is not the YAML file of a map"),
+        (b"resolution: !!float ''\n", "is not the YAML file of a map"),
+        (b"resolution: " + b"1:" * 400 + b"1.5\n", "is not the YAML file of a map"),
+        (b"image: map.png\nresolution: 0x" + b"f" * 9000, "`resolution` is endless; it must be a number"),
+        (b"a: &a [1]\nimage: [*a, *a]\n", "map.yaml:2 is not the YAML file of a map: it holds an alias"),
         (b"#" * 70000, "is longer than 64 kB"),
     ],
 )

@@ -74,6 +74,9 @@ class Bag:
         number = 0
         try:
             for number, (connection, time, raw) in enumerate(self._raw(connections), start=1):
+                if connection.topic not in topics:  # of several connections with one number
+                    damage.add("message that two topics claim", number)
+                    continue
                 kind = self.topics[connection.topic]
                 try:
                     with _library():

@@ -1,7 +1,7 @@
 """Fuzzes every reader: `make fuzz` prints the table.
 
-Each target gets FUZZ_RUNS inputs, or as many as fit into FUZZ_MINUTES for all of them. FUZZ_JOBS targets run side by
-side, or as many as there are processors.
+Each target gets FUZZ_RUNS inputs, or as many as fit into FUZZ_MINUTES for all of them. FUZZ_JOBS targets run
+side by side, or as many as there are processors.
 
 Findings are kept in ``indexes/fuzz``. Move one, once its cause is mended, to ``tests/fuzz/found/TARGET``: the
 usual tests read all that is there.
@@ -57,7 +57,7 @@ def fuzzed(name: str, runs: int, seconds: float | None, folder: Path) -> tuple[l
 def main(names: list[str]) -> int:
     """Fuzzes these targets, or all; returns 1 if anything was found."""
     runs, minutes = int(os.environ.get("FUZZ_RUNS", RUNS)), os.environ.get("FUZZ_MINUTES")
-    chosen, jobs = names or list(TARGETS), cores(int(os.environ.get("FUZZ_JOBS", 0)))
+    chosen, jobs = names or list(TARGETS), cores(int(os.environ.get("FUZZ_JOBS", "0")))
     seconds = 60 * float(minutes) / ceil(len(chosen) / jobs) if minutes else None
     rows, sound = [], True
     place = MEMORY if MEMORY.is_dir() else None

@@ -2,8 +2,9 @@
 
 import struct
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -15,7 +16,10 @@ from m2t_text.files import opened, shown
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Floats, Grid, States
 from m2t_text.saved_maps.header import Header, read_header
 
+Values = NDArray[Any]
+
 CELLS = 1 << 25  # cells of the largest map read; 290 m x 290 m at 0.05 m
+BLOCK = 1 << 20  # cells that are worked on at once
 FORMATS = ("PPM", "PNG", "BMP", "JPEG")  # of the images, as Pillow calls them
 # What map_saver draws for occupied, unknown and free. Nav2's writes a free_thresh by which the second is free.
 BLACK, GREY, WHITE = 0, 205, 254
@@ -44,13 +48,13 @@ def read_map(path: Path) -> tuple[Grid, tuple[str, ...]]:
     """
     header = read_header(path)
     with opened(header.image, MapFileError) as file:
-        pixels, opaque = _pixels(file, header.image)
-    states, odd = _states(pixels, opaque, header)
+        values = _values(file, header.image)
+    states, odd = _states(values, header)
     return Grid(states[::-1].copy(), header.resolution, header.origin), header.warnings + odd
 
 
-def _pixels(file: BinaryIO, path: Path) -> tuple[Floats, NDArray[np.bool_]]:
-    """(rows, columns) each pixel's mean over its channels with alpha, 0...255, and whether it is opaque."""
+def _values(file: BinaryIO, path: Path) -> Values:
+    """(rows, columns, channels) of each pixel, alpha as the fourth; 16 bits deep or 8."""
     try:
         with catch_warnings():
             simplefilter("ignore")  # of large images and odd headers; what matters is checked here
@@ -68,36 +72,58 @@ def _pixels(file: BinaryIO, path: Path) -> tuple[Floats, NDArray[np.bool_]]:
         raise MapFileError(f"{shown(path)} is a damaged image ({reason}): save the map again") from error
 
 
-def _channels(image: Image.Image) -> tuple[Floats, NDArray[np.bool_]]:
-    if image.mode.startswith("I"):  # 16 bits
-        deep = np.asarray(image, dtype=np.float64) / 257.0
-        return deep, np.ones(deep.shape, dtype=np.bool_)
-    if image.has_transparency_data:
-        image = image.convert("RGBA")
-    elif image.mode != "L":
-        image = image.convert("RGB")
-    values = np.atleast_3d(np.asarray(image))
-    opaque = values[..., 3] == 255 if values.shape[2] == 4 else np.ones(values.shape[:2], dtype=np.bool_)
-    return values.mean(axis=2), opaque
+def _channels(image: Image.Image) -> Values:
+    if not image.mode.startswith("I"):  # those are 16 bits deep
+        wanted = "RGBA" if image.has_transparency_data else "L" if image.mode == "L" else "RGB"
+        image = image if image.mode == wanted else image.convert(wanted)
+    return np.atleast_3d(np.asarray(image))
 
 
-def _states(pixels: Floats, opaque: NDArray[np.bool_], header: Header) -> tuple[States, tuple[str, ...]]:
+def _states(values: Values, header: Header) -> tuple[States, tuple[str, ...]]:
     """What map_server makes of the pixels, and a warning where its rule cannot be meant."""
+    states = np.empty(values.shape[:2], dtype=np.int8)
+    grey = _means_unknown_by_grey(values, header)
+    for rows in _blocks(values):
+        states[rows] = _judged(*_shades(values[rows]), header, grey)
+    odd = f"pixels of {GREY} are taken as unknown; free_thresh {header.free:g} would make them free"
+    return states, (odd,) if grey else ()
+
+
+def _blocks(values: Values) -> Iterator[slice]:
+    """Rows that are worked on at once; all of them would take sixteen times the memory of the image."""
+    step = max(1, BLOCK // values.shape[1])
+    for low in range(0, len(values), step):
+        yield slice(low, low + step)
+
+
+def _shades(values: Values) -> tuple[Floats, NDArray[np.bool_]]:
+    """(rows, columns) each pixel's mean over its channels with alpha, 0...255, and whether it is opaque."""
+    mean = values.mean(axis=2)
+    opaque = values[..., 3] == 255 if values.shape[2] == 4 else np.ones(mean.shape, dtype=np.bool_)
+    return (mean if values.dtype == np.uint8 else mean / 257.0), opaque
+
+
+def _means_unknown_by_grey(values: Values, header: Header) -> bool:
+    """Whether the pixels are map_saver's three shades, and the thresholds make free of its unknown."""
+    if header.mode != "trinary" or header.negate or header.free <= (255 - GREY) / 255:
+        return False
+    shades: set[float] = set()
+    for rows in _blocks(values):
+        shades.update(np.unique(_shades(values[rows])[0]).tolist())
+    return shades == {BLACK, GREY, WHITE}
+
+
+def _judged(pixels: Floats, opaque: NDArray[np.bool_], header: Header, grey: bool) -> States:
+    """The states of some rows; where ``grey``, pixels of that shade are unknown."""
     occupancy = (pixels if header.negate else 255 - pixels) / 255
     unknown = np.zeros(pixels.shape, dtype=np.bool_)
-    odd: tuple[str, ...] = ()
     if header.mode == "raw":
         occupancy, unknown = pixels / 100, pixels > 100
     elif header.mode == "scale":
         unknown = ~opaque
-    elif (
-        not header.negate
-        and header.free > (255 - GREY) / 255
-        and set(np.unique(pixels)) == {BLACK, GREY, WHITE}
-    ):
+    elif grey:
         unknown = pixels == GREY
-        odd = (f"pixels of {GREY} are taken as unknown; free_thresh {header.free:g} would make them free",)
     states = np.full(pixels.shape, UNKNOWN, dtype=np.int8)
     states[(occupancy > header.occupied) & ~unknown] = OCCUPIED
     states[(occupancy < header.free) & ~unknown] = FREE
-    return states, odd
+    return states

@@ -289,7 +289,7 @@ class MapIndex:
             query = NullQuery if deep else parser.parse(string)
         except (QueryParserError, UnicodeEncodeError) as error:
             raise QueryError(f"{shown!r} is not a query: {error}") from error
-        except IndexError as error:  # in Whoosh, of an operator without operands, as NOT NOT
+        except (AssertionError, IndexError) as error:  # in Whoosh, of operators as NOT NOT or ANDNOT ANDNOT
             raise QueryError(f"{shown!r} is not a query: an operator has nothing to work on") from error
         except RecursionError:
             deep, query = True, NullQuery

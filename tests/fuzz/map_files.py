@@ -29,8 +29,8 @@ Seeds = dict[str, bytes]
 
 
 def pixels() -> np.ndarray:
-    """A room of 1.8 m by 1 m, and around it what nobody saw."""
-    made = np.full((9, 13), GREY, dtype=np.uint8)
+    """A room of 1 m by 1 m, and around it what nobody saw."""
+    made = np.full((9, 9), GREY, dtype=np.uint8)
     made[1:-1, 1:-1] = BLACK
     made[2:-2, 2:-2] = WHITE
     return made

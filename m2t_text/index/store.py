@@ -282,7 +282,8 @@ class MapIndex:
             QueryError: saying what is wrong with it.
         """
         shown = string if len(string) <= SHOWN else string[: SHOWN - 3] + "..."
-        parser = QueryParser("text", self.whoosh.schema)
+        with self._reading() as state:  # Whoosh's index would read its table of contents for it
+            parser = QueryParser("text", state.searcher.schema)
         try:
             string.encode()  # Whoosh looks names up as UTF-8
             deep = _depth(parser.process(string)) > DEEPEST

@@ -81,40 +81,41 @@ def _channels(image: Image.Image) -> Values:
 
 def _states(values: Values, header: Header) -> tuple[States, tuple[str, ...]]:
     """What map_server makes of the pixels, and a warning where its rule cannot be meant."""
-    states = np.empty(values.shape[:2], dtype=np.int8)
-    grey = _means_unknown_by_grey(values, header)
-    for rows in _blocks(values):
-        states[rows] = _judged(*_shades(values[rows]), header, grey)
+    rows, columns, channels = values.shape
+    cells = values.reshape(-1, channels)
+    states = np.empty(len(cells), dtype=np.int8)
+    grey = _means_unknown_by_grey(cells, header)
+    for block in _blocks(cells):
+        states[block] = _judged(*_shades(cells[block]), header, grey)
     odd = f"pixels of {GREY} are taken as unknown; free_thresh {header.free:g} would make them free"
-    return states, (odd,) if grey else ()
+    return states.reshape(rows, columns), (odd,) if grey else ()
 
 
-def _blocks(values: Values) -> Iterator[slice]:
-    """Rows that are worked on at once; all of them would take sixteen times the memory of the image."""
-    step = max(1, BLOCK // values.shape[1])
-    for low in range(0, len(values), step):
-        yield slice(low, low + step)
+def _blocks(cells: Values) -> Iterator[slice]:
+    """Cells that are worked on at once; all of them would take sixteen times the memory of the image."""
+    for low in range(0, len(cells), BLOCK):
+        yield slice(low, low + BLOCK)
 
 
-def _shades(values: Values) -> tuple[Floats, NDArray[np.bool_]]:
-    """(rows, columns) each pixel's mean over its channels with alpha, 0...255, and whether it is opaque."""
-    mean = values.mean(axis=2)
-    opaque = values[..., 3] == 255 if values.shape[2] == 4 else np.ones(mean.shape, dtype=np.bool_)
-    return (mean if values.dtype == np.uint8 else mean / 257.0), opaque
+def _shades(cells: Values) -> tuple[Floats, NDArray[np.bool_]]:
+    """(N,) each cell's mean over its channels with alpha, 0...255, and whether it is opaque."""
+    mean = cells.mean(axis=1)
+    opaque = cells[:, 3] == 255 if cells.shape[1] == 4 else np.ones(len(cells), dtype=np.bool_)
+    return (mean if cells.dtype == np.uint8 else mean / 257.0), opaque
 
 
-def _means_unknown_by_grey(values: Values, header: Header) -> bool:
+def _means_unknown_by_grey(cells: Values, header: Header) -> bool:
     """Whether the pixels are map_saver's three shades, and the thresholds make free of its unknown."""
     if header.mode != "trinary" or header.negate or header.free <= (255 - GREY) / 255:
         return False
     shades: set[float] = set()
-    for rows in _blocks(values):
-        shades.update(np.unique(_shades(values[rows])[0]).tolist())
+    for block in _blocks(cells):
+        shades.update(np.unique(_shades(cells[block])[0]).tolist())
     return shades == {BLACK, GREY, WHITE}
 
 
 def _judged(pixels: Floats, opaque: NDArray[np.bool_], header: Header, grey: bool) -> States:
-    """The states of some rows; where ``grey``, pixels of that shade are unknown."""
+    """The states of some cells; where ``grey``, pixels of that shade are unknown."""
     occupancy = (pixels if header.negate else 255 - pixels) / 255
     unknown = np.zeros(pixels.shape, dtype=np.bool_)
     if header.mode == "raw":

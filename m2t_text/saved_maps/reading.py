@@ -33,6 +33,7 @@ BROKEN = (  # what Pillow raises on a damaged image
     OSError,
     RuntimeError,
     SyntaxError,
+    SystemError,  # where memory ends
     TypeError,
     ValueError,
     struct.error,

@@ -23,6 +23,7 @@ from m2t_text.workers import cores
 
 RUNS = 100_000
 MEMORY = Path("/dev/shm")  # a disk would take longer to keep the inputs than the readers to read them
+MALLOC = {"MALLOC_MMAP_THRESHOLD_": "1000000"}  # what one input took is given back, not counted with the next
 FINDINGS = Path(__file__).resolve().parents[2] / "indexes" / "fuzz"
 COLUMNS = {"target": "left", **dict.fromkeys(("runs", "read", "seconds", "slowest s", "peak MB"), "right")}
 
@@ -33,7 +34,7 @@ def fuzzed(name: str, runs: int, seconds: float | None, folder: Path) -> tuple[l
     findings.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, str(Path(__file__).with_name("child.py")), name, str(runs)]
     child = subprocess.Popen(
-        [*command, str(statistics), str(findings)],
+        [*command, str(statistics), str(findings)], env=os.environ | MALLOC,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
     )  # fmt: skip
     sound = True

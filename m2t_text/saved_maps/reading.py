@@ -23,6 +23,7 @@ BLOCK = 1 << 20  # cells that are worked on at once
 FORMATS = ("PPM", "PNG", "BMP", "JPEG")  # of the images, as Pillow calls them
 # What map_saver draws for occupied, unknown and free. Nav2's writes a free_thresh by which the second is free.
 BLACK, GREY, WHITE = 0, 205, 254
+RUN_LENGTHS = "bmp_rle"  # the decoder that Pillow has in Python alone: it fills a wide row cell by cell
 BROKEN = (  # what Pillow raises on a damaged image
     ArithmeticError,
     AssertionError,
@@ -63,6 +64,8 @@ def _values(file: BinaryIO, path: Path) -> Values:
             columns, rows = image.size
             if columns * rows > CELLS:
                 raise Image.DecompressionBombError  # as Pillow says of even larger ones
+            if any(tile[0] == RUN_LENGTHS for tile in image.tile):
+                raise MapFileError(f"{shown(path)} is a packed BMP, slow to read: save the map as PGM or PNG")
             return _channels(image)
     except UnidentifiedImageError as error:
         raise MapFileError(f"{shown(path)} is no image: save the map as PGM or PNG") from error

@@ -14,7 +14,8 @@ test: $(VENV)/.installed-test
 stress: $(VENV)/.installed-test
 	$(BIN)/python tests/stress.py
 
-# FUZZ_RUNS=1000 picks the inputs for each reader, FUZZ_MINUTES=30 an end; findings are kept in indexes/fuzz.
+# FUZZ_RUNS=1000 picks the inputs for each reader, FUZZ_MINUTES=30 an end, FUZZ_JOBS=1 how many readers side by
+# side; findings are kept in indexes/fuzz.
 fuzz: $(VENV)/.installed-fuzz
 	$(BIN)/python tests/fuzz/fuzz.py $(TARGETS)
 

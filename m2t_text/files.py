@@ -17,6 +17,24 @@ def shown(path: Path) -> str:
     return text if text.isprintable() else repr(text)
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file."""
+    return stat.S_ISREG(_mode(path))
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder."""
+    return stat.S_ISDIR(_mode(path))
+
+
+def _mode(path: Path) -> int:
+    """What there is, 0 for nothing: also where the system will not look, of which pathlib's own tests raise."""
+    try:
+        return path.stat().st_mode
+    except (OSError, ValueError):
+        return 0
+
+
 @contextmanager
 def opened(path: Path, failure: type[SourceError]) -> Iterator[BufferedReader]:
     """A regular file with something in it, open for reading.

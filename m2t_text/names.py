@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from m2t_text.errors import SourceError
+from m2t_text.files import is_file, is_folder
 
 LOGS = (".log", ".clf", ".gz")
 BAGS = (".bag", ".db3", ".mcap")
@@ -14,7 +15,7 @@ NAME_LENGTH = 200  # characters; leaves room for endings within a file system's 
 
 def is_bag(path: Path) -> bool:
     """Whether it is named as a ROS bag, or is the folder of one."""
-    return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in BAGS
+    return is_file(path / "metadata.yaml") if is_folder(path) else path.suffix.lower() in BAGS
 
 
 def dataset_name(path: Path | str) -> str:

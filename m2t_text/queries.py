@@ -12,6 +12,7 @@ from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import QueryError, TextError
+from m2t_text.files import is_file
 from m2t_text.geometry import travel
 from m2t_text.index.store import MapIndex
 from m2t_text.logs import Log
@@ -209,7 +210,7 @@ def _parsed(contents: bytes, where: str) -> Text:
 
 def _unknown(target: str, context: Context) -> str:
     """Why a string names nothing, and what to try."""
-    if Path(target).suffix.lower() in SAVED_MAPS and Path(target).is_file():
+    if Path(target).suffix.lower() in SAVED_MAPS and is_file(Path(target)):
         return f"{target!r} is a whole map; index it, and name one of its local maps, or look up a log in it"
     if is_source(Path(target)):
         return f"{target!r} is a whole log; name a run of it, as {target}@12.5 (metres) or {target}#40 (scan)"

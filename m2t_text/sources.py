@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import LogError, M2TError, SourceError
+from m2t_text.files import is_file, is_folder
 from m2t_text.logs import Log, Topics, read_log
 from m2t_text.names import BAGS, CLOUDS, LOGS, SAVED_MAPS, checked_name, dataset_name, is_bag
 
@@ -155,7 +156,7 @@ def open_source(
         'monday'
     """
     file = Path(path)
-    reader = _open_log if file.is_dir() else READERS.get(file.suffix.lower(), _open_log)
+    reader = _open_log if is_folder(file) else READERS.get(file.suffix.lower(), _open_log)
     return reader(file, options or SourceOptions(), progress)
 
 
@@ -169,7 +170,7 @@ def open_log(path: Path, options: SourceOptions | None = None, progress: Progres
 
 def is_source(path: Path) -> bool:
     """Whether there is a file, or the folder of a bag."""
-    return path.is_file() or (path.is_dir() and is_bag(path))
+    return is_file(path) or (is_folder(path) and is_bag(path))
 
 
 def dataset_names(sources: Sequence[Path], done: str, name: str | None = None) -> list[str]:
@@ -187,7 +188,7 @@ def dataset_names(sources: Sequence[Path], done: str, name: str | None = None) -
         raise M2TError("--name names one dataset, but there are several sources; name them one by one")
     for source in sources:
         if not is_source(source):
-            wrong = "is a folder; name the files in it" if source.is_dir() else "does not exist"
+            wrong = "is a folder; name the files in it" if is_folder(source) else "does not exist"
             raise SourceError(f"{str(source)!r} {wrong}; nothing was {done}")
     names = [dataset_name(source) for source in sources] if name is None else [checked_name(name)]
     for one, count in Counter(names).items():

@@ -17,6 +17,7 @@ from whoosh.filedb.structfile import BufferFile, StructFile
 from whoosh.system import unpack_int, unpack_long
 
 from m2t_text.errors import DamageError
+from m2t_text.files import is_folder
 from m2t_text.index.unpickling import load
 
 HEAD = 12  # bytes before the parts of a segment file: where its directory begins, and its length
@@ -35,7 +36,7 @@ class MapStorage(FileStorage):
 
     def list(self) -> list[str]:
         """The names of all files, sorted; none if there is no such folder."""
-        return sorted(file.name for file in self.path.iterdir()) if self.path.is_dir() else []
+        return sorted(file.name for file in self.path.iterdir()) if is_folder(self.path) else []
 
     def open_plain(self, name: str) -> BufferedReader:
         """A file to read. A link, a pipe or a device is a DamageError: it leads elsewhere, or never ends."""

@@ -282,14 +282,15 @@ class MapIndex:
             QueryError: saying what is wrong with it.
         """
         shown = string if len(string) <= SHOWN else string[: SHOWN - 3] + "..."
-        parser = QueryParser("text", self.whoosh.schema)
+        with self._reading() as state:  # Whoosh's index would read its table of contents for it
+            parser = QueryParser("text", state.searcher.schema)
         try:
             string.encode()  # Whoosh looks names up as UTF-8
             deep = _depth(parser.process(string)) > DEEPEST
             query = NullQuery if deep else parser.parse(string)
         except (QueryParserError, UnicodeEncodeError) as error:
             raise QueryError(f"{shown!r} is not a query: {error}") from error
-        except IndexError as error:  # in Whoosh, of an operator without operands, as NOT NOT
+        except (AssertionError, IndexError) as error:  # in Whoosh, of operators as NOT NOT or ANDNOT ANDNOT
             raise QueryError(f"{shown!r} is not a query: an operator has nothing to work on") from error
         except RecursionError:
             deep, query = True, NullQuery

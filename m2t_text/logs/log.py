@@ -5,7 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from m2t_text.errors import LogError
+
 Floats = NDArray[np.float64]
+
+ARM = 20.0  # m; no laser sits farther from its robot, and a map would be as wide as the robot
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,8 @@ class Log:
         ground_truth: (S, 3) corrected robot poses, or None. For judging only: nothing that describes,
             indexes or searches may read it.
         warnings: one line for each kind of damage that was skipped, with counts and line numbers.
+
+    Raises LogError if the laser sits nowhere on a robot.
     """
 
     name: str
@@ -53,6 +59,13 @@ class Log:
     laser_pose: Floats = field(default_factory=lambda: np.zeros(3))
     ground_truth: Floats | None = None
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        away = float(np.hypot(*self.laser_pose[:2]))
+        if not away <= ARM:  # nor is it with a NaN
+            raise LogError(
+                f"{self.name}: the laser is said to sit {away:,.0f} m away from the robot; {ARM:g} m at most"
+            )
 
     @property
     def odometry(self) -> Floats:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from m2t_text.errors import DamagedError, LogError, clean
-from m2t_text.files import opened, shown
+from m2t_text.files import is_folder, opened, shown
 from m2t_text.logs.lines import PROGRESS_STEP, Damage, Progress
 
 LASER = "sensor_msgs/msg/LaserScan"
@@ -74,6 +74,9 @@ class Bag:
         number = 0
         try:
             for number, (connection, time, raw) in enumerate(self._raw(connections), start=1):
+                if connection.topic not in topics:  # of several connections with one number
+                    damage.add("message that two topics claim", number)
+                    continue
                 kind = self.topics[connection.topic]
                 try:
                     with _library():
@@ -112,9 +115,9 @@ def open_bag(path: Path) -> Iterator[Bag]:
         raise LogError(
             f"{shown(path)} is a ROS bag, which takes one more package: pip install 'm2t-text[ros]'"
         ) from error
-    with opened(path / "metadata.yaml" if path.is_dir() else path, LogError):
+    with opened(path / "metadata.yaml" if is_folder(path) else path, LogError):
         pass  # what is wrong with the file as such is told as for any other
-    first = path.suffix.lower() == ".bag" and not path.is_dir()
+    first = path.suffix.lower() == ".bag" and not is_folder(path)
     with ExitStack() as stack:
         try:
             with _library():

@@ -22,7 +22,7 @@ import m2t_text
 SECONDS = 5.0  # of the processor that one input may take
 MEMORY = 1 << 30  # bytes that it may take beside what the process has
 HANG = 60  # s; a machine with other work is slower
-WATCHED = ["m2t_text", "whoosh", "rosbags"]
+WATCHED = ["m2t_text", "whoosh", "rosbags", "yaml", "PIL"]
 TOLD = 100  # runs between two notes
 
 

@@ -1,6 +1,7 @@
 """Fuzzes every reader: `make fuzz` prints the table.
 
-Each target gets FUZZ_RUNS inputs, or as many as fit into FUZZ_MINUTES for all of them.
+Each target gets FUZZ_RUNS inputs, or as many as fit into FUZZ_MINUTES for all of them. FUZZ_JOBS targets run
+side by side, or as many as there are processors.
 
 Findings are kept in ``indexes/fuzz``. Move one, once its cause is mended, to ``tests/fuzz/found/TARGET``: the
 usual tests read all that is there.
@@ -11,13 +12,18 @@ import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from math import ceil
 from pathlib import Path
 
 from targets import TARGETS
 
 from m2t_text.cli.console import note, print_table
+from m2t_text.workers import cores
 
 RUNS = 100_000
+MEMORY = Path("/dev/shm")  # a disk would take longer to keep the inputs than the readers to read them
+MALLOC = {"MALLOC_MMAP_THRESHOLD_": "1000000"}  # what one input took is given back, not counted with the next
 FINDINGS = Path(__file__).resolve().parents[2] / "indexes" / "fuzz"
 COLUMNS = {"target": "left", **dict.fromkeys(("runs", "read", "seconds", "slowest s", "peak MB"), "right")}
 
@@ -28,7 +34,7 @@ def fuzzed(name: str, runs: int, seconds: float | None, folder: Path) -> tuple[l
     findings.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, str(Path(__file__).with_name("child.py")), name, str(runs)]
     child = subprocess.Popen(
-        [*command, str(statistics), str(findings)],
+        [*command, str(statistics), str(findings)], env=os.environ | MALLOC,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
     )  # fmt: skip
     sound = True
@@ -52,12 +58,15 @@ def fuzzed(name: str, runs: int, seconds: float | None, folder: Path) -> tuple[l
 def main(names: list[str]) -> int:
     """Fuzzes these targets, or all; returns 1 if anything was found."""
     runs, minutes = int(os.environ.get("FUZZ_RUNS", RUNS)), os.environ.get("FUZZ_MINUTES")
-    chosen = names or list(TARGETS)
-    seconds = 60 * float(minutes) / len(chosen) if minutes else None
+    chosen, jobs = names or list(TARGETS), cores(int(os.environ.get("FUZZ_JOBS", "0")))
+    seconds = 60 * float(minutes) / ceil(len(chosen) / jobs) if minutes else None
     rows, sound = [], True
-    with tempfile.TemporaryDirectory(prefix="m2t-fuzz-") as folder:
-        for name in chosen:
-            row, held = fuzzed(name, runs, seconds, Path(folder))
+    place = MEMORY if MEMORY.is_dir() else None
+    with (
+        tempfile.TemporaryDirectory(prefix="m2t-fuzz-", dir=place) as folder,
+        ThreadPoolExecutor(jobs) as side_by_side,
+    ):
+        for row, held in side_by_side.map(lambda name: fuzzed(name, runs, seconds, Path(folder)), chosen):
             note("  ".join(row))
             rows.append(row)
             sound &= held

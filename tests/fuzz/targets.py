@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "clouds"), str(TESTS / "index")]
 
+import map_files  # noqa: E402
 from bags import small_bags  # noqa: E402
 from states import built, contents, maps  # noqa: E402
 from test_clouds import POINTS, WRITERS  # noqa: E402
@@ -27,11 +28,11 @@ from m2t_text.index.contents import DIGEST, SEAL  # noqa: E402
 from m2t_text.index.store import MapIndex  # noqa: E402
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen  # noqa: E402
 from m2t_text.queries import Context, resolve  # noqa: E402
-from m2t_text.sources import open_source  # noqa: E402
+from m2t_text.sources import Source, open_source  # noqa: E402
 
 PARAMETERS = PROFILES["default"]
 STATE = {"a": 5, "b": 11}  # of the index that is searched, and damaged
-MAPS = 3  # of a source that are described
+MAPS = 2  # of a source that are described
 
 Seeds = dict[str, bytes]
 
@@ -62,11 +63,14 @@ def tried(target: Target, content: bytes, folder: Path) -> str | None:
 # --- Sources
 
 
-def described(content: bytes, folder: Path, ending: str) -> None:
-    """Reads a source, and describes its first maps as `index` does."""
+def source_read(content: bytes, folder: Path, ending: str) -> None:
     path = folder / f"fuzzed{ending}"
     path.write_bytes(content)
-    source = open_source(path)
+    described(open_source(path))
+
+
+def described(source: Source) -> None:
+    """Describes the first maps of a source as `index` does."""
     assert all(warning.isprintable() for warning in source.warnings)
     documents = source.describe(PARAMETERS, 1, lambda stage, done, of: None).documents
     for document, _ in zip(documents, range(MAPS), strict=False):
@@ -97,13 +101,31 @@ def clouds(folder: Path, ending: str) -> Seeds:
     return {name: write(POINTS) for name, write in WRITERS.items() if name.endswith(ending)}
 
 
+def header_read(content: bytes, folder: Path) -> None:
+    """The YAML file of a saved map, beside a sound image."""
+    source = map_files.read(content, map_files.drawn("PPM", "L"), folder)
+    if source is not None:
+        described(source)
+
+
+def image_read(content: bytes, folder: Path) -> None:
+    """The image of a saved map, beside a sound YAML file. A PNG gets checksums that fit."""
+    image = map_files.sealed(content) if content.startswith(b"\x89PNG") else content
+    source = map_files.read(map_files.HEADER.encode(), image, folder)
+    if source is not None:
+        described(source)
+
+
 # --- Texts, and what is typed
 
 
 @cache
 def searched(folder: Path) -> MapIndex:
-    """A small index beside the folder of the inputs, made once; its own files stay as they are."""
-    return built(folder.with_name("searched"), STATE)
+    """A small index beside the folder of the inputs, made once; its own files stay as they are.
+
+    It is pinned: that nobody commits to it need not be looked up for every input.
+    """
+    return built(folder.with_name("searched"), STATE).pinned()
 
 
 def typed(content: bytes) -> str:
@@ -147,7 +169,12 @@ def texts(folder: Path) -> Seeds:
 
 
 def filters(folder: Path) -> Seeds:
-    strings = "dataset:a AND travel:[10 TO 20]", "NOT (dataset:b OR map_id:a/00*)", "x0_y0_a5^2 'a b' travel:>3"
+    strings = (
+        "dataset:a AND travel:[10 TO 20]",
+        "NOT (dataset:b OR map_id:a/00*)",
+        "x0_y0_a5^2 OR travel:[3 TO]",
+        "x0_y0_a5^2 'a b' travel:>3",
+    )
     return {str(number): string.encode() for number, string in enumerate(strings)}
 
 
@@ -194,15 +221,20 @@ def index_read(content: bytes, folder: Path) -> None:
 
 
 TARGETS = {
-    "carmen": Target(logs, partial(described, ending=".log")),
-    "carmen-gzip": Target(gzipped, partial(described, ending=".log.gz")),
+    "carmen": Target(logs, partial(source_read, ending=".log")),
+    "carmen-gzip": Target(gzipped, partial(source_read, ending=".log.gz")),
     **{
-        name: Target(partial(bags, ending=f".{name}"), partial(described, ending=f".{name}"))
+        name: Target(partial(bags, ending=f".{name}"), partial(source_read, ending=f".{name}"))
         for name in ("bag", "db3", "mcap")
     },
     **{
-        name: Target(partial(clouds, ending=f".{name}"), partial(described, ending=f".{name}"))
+        name: Target(partial(clouds, ending=f".{name}"), partial(source_read, ending=f".{name}"))
         for name in ("pcd", "ply", "npy", "xyz", "csv")
+    },
+    "yaml": Target(map_files.headers, header_read),
+    **{
+        name: Target(partial(map_files.images, format=format), image_read)
+        for name, format in (("pgm", "PPM"), ("png", "PNG"), ("bmp", "BMP"), ("jpeg", "JPEG"))
     },
     "text": Target(texts, text_found),
     "filter": Target(filters, filtered),

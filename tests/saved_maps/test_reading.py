@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
+from soundness import at_most
 
 from m2t_text.errors import MapFileError
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
@@ -176,6 +177,12 @@ def test_a_wrong_header_gets_one_line(tmp_path: Path, changes: dict[str, Any], m
         ),
         (b"[" * 5000, "is not the YAML file of a map"),
         (b"date: 2001-99-99\n", "is not the YAML file of a map"),
+        (b"date: !!timestamp tomorrow\n", "is not the YAML file of a map"),
+        (b"negate: !!bool perhaps\n", "is not the YAML file of a map"),
+        (b"resolution: !!float ''\n", "is not the YAML file of a map"),
+        (b"resolution: " + b"1:" * 400 + b"1.5\n", "is not the YAML file of a map"),
+        (b"image: map.png\nresolution: 0x" + b"f" * 9000, "`resolution` is endless; it must be a number"),
+        (b"a: &a [1]\nimage: [*a, *a]\n", "map.yaml:2 is not the YAML file of a map: it holds an alias"),
         (b"#" * 70000, "is longer than 64 kB"),
     ],
 )
@@ -192,6 +199,14 @@ def test_an_image_that_claims_too_much_is_refused_before_it_is_unpacked(tmp_path
         (tmp_path / "map.pgm").write_bytes(b"P5 " + size + b" 255\n")
         with pytest.raises(MapFileError, match=r"has more than 33,554,432 cells|is a damaged image"):
             read_map(path)
+
+
+@pytest.mark.parametrize("shape", [(2000, 2000), (2, 2_000_000), (2_000_000, 2)])
+def test_a_large_image_takes_little_memory_whatever_its_shape(tmp_path: Path, shape: tuple[int, int]) -> None:
+    path = saved(tmp_path, np.full((*shape, 3), 254, dtype=np.uint8), image="map.pgm")
+    with at_most(memory=90e6):
+        grid, _ = read_map(path)
+    assert (grid.states == FREE).all() and grid.states.shape == shape
 
 
 def test_a_cut_off_image_is_refused(tmp_path: Path) -> None:

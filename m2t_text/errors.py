@@ -45,7 +45,7 @@ class FetchError(M2TError):
     """A public log that is not known, or cannot be downloaded."""
 
 
-class DamagedError(Exception):
+class PartError(Exception):
     """What is wrong with a part of a file; who knows which file and where tells it, or skips the part."""
 
 

@@ -9,7 +9,7 @@ from m2t_text.clouds.parts import Floats, Progress, WatchedFile
 from m2t_text.clouds.pcd import read_pcd
 from m2t_text.clouds.ply import read_ply
 from m2t_text.clouds.tables import read_lines, read_npy
-from m2t_text.errors import CloudError, DamagedError, clean
+from m2t_text.errors import CloudError, PartError, clean
 from m2t_text.files import opened, shown
 from m2t_text.names import checked_name, dataset_name
 
@@ -42,5 +42,5 @@ def read_cloud(
         with opened(file, CloudError) as plain:
             points = READERS[file.suffix.lower()](WatchedFile(plain, progress))
         return to_cloud(name, points, height)
-    except DamagedError as error:
+    except PartError as error:
         raise CloudError(clean(f"{shown(file)}: {error}")) from error

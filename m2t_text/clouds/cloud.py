@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import CloudError, DamagedError
+from m2t_text.errors import CloudError, PartError
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.mapping.registration import CELL, HALF
 
@@ -46,17 +46,17 @@ class Cloud:
 def to_cloud(name: str, points: Floats, height: tuple[float, float] | None = None) -> Cloud:
     """The cloud of points (N, 2) or (N, 3), metres, z upwards.
 
-    Raises DamagedError if they are not in metres, or none lies within the height band.
+    Raises PartError if they are not in metres, or none lies within the height band.
     """
     finite = points[(np.abs(points) < LIMIT).all(axis=1)]  # false for NaN, too
     warnings = []
     if len(finite) < len(points):
         warnings.append(f"{len(points) - len(finite):,} of {len(points):,} points are not finite, and left out")
     if not len(finite):
-        raise DamagedError("no point in it is finite" if len(points) else "no point in it")
+        raise PartError("no point in it is finite" if len(points) else "no point in it")
     width, depth = np.ptp(finite[:, :2], axis=0)
     if max(width, depth) > WIDEST:
-        raise DamagedError(
+        raise PartError(
             f"it spans {width:,.6g} by {depth:,.6g} m, a map at most {WIDEST:,.0f}: is it in millimetres? "
             "scale it to metres, and leave out stray points"
         )
@@ -79,11 +79,11 @@ def default_band(heights: Floats) -> tuple[float, float] | None:
 
 
 def cut(points: Floats, band: tuple[float, float]) -> Floats:
-    """The points (N, 3) within a band of heights. Raises DamagedError if there is none."""
+    """The points (N, 3) within a band of heights. Raises PartError if there is none."""
     heights = points[:, 2]
     kept = points[(heights >= band[0]) & (heights <= band[1])]
     if not len(kept):
-        raise DamagedError(
+        raise PartError(
             f"no point at heights of {band[0]:g} to {band[1]:g} m; they are {heights.min():.3g} to "
             f"{heights.max():.3g} m: name others by --height"
         )

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import DamagedError
+from m2t_text.errors import PartError
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def left(file: BinaryIO) -> int:
 def header(file: BinaryIO, end: str) -> Iterator[list[str]]:
     """The words of each line up to the one that begins with ``end``, that one included; no comments.
 
-    Raises DamagedError if there is no such line.
+    Raises PartError if there is no such line.
     """
     for _ in range(LINES_LIMIT):
         line = file.readline(LINE_LIMIT)
@@ -67,20 +67,20 @@ def header(file: BinaryIO, end: str) -> Iterator[list[str]]:
             yield words
             if words[0] == end:
                 return
-    raise DamagedError(f"no header that ends with {end!r}")
+    raise PartError(f"no header that ends with {end!r}")
 
 
 def count_of(word: str) -> int:
-    """The count that a word of a header is. Raises DamagedError if it is none."""
+    """The count that a word of a header is. Raises PartError if it is none."""
     if not (word.isdecimal() and word.isascii() and len(word) <= DIGITS):
-        raise DamagedError(f"the header has {word[:40]!r} where a count should be")
+        raise PartError(f"the header has {word[:40]!r} where a count should be")
     return int(word)
 
 
 def records(file: BinaryIO, fields: Sequence[Field], size: int, count: int) -> Floats:
     """The fields of the next ``count`` records of ``size`` bytes: (count, fields)."""
     if count * size > left(file):
-        raise DamagedError(f"cut off: {count} points of {size} bytes are claimed, {left(file)} bytes are there")
+        raise PartError(f"cut off: {count} points of {size} bytes are claimed, {left(file)} bytes are there")
     names = [str(k) for k in range(len(fields))]
     codes, offsets = [field.code for field in fields], [field.offset for field in fields]
     kind = np.dtype({"names": names, "formats": codes, "offsets": offsets, "itemsize": size})
@@ -98,7 +98,7 @@ def rows(file: BinaryIO, columns: Sequence[int], count: int) -> Floats:
     """Columns of the next ``count`` lines of numbers: (count, columns)."""
     found = table(islice(file, count), columns)
     if len(found) < count:
-        raise DamagedError(f"cut off: {count} points are claimed, {len(found)} are there")
+        raise PartError(f"cut off: {count} points are claimed, {len(found)} are there")
     return found
 
 

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from m2t_text.clouds.parts import AXES, Field, Floats, count_of, doubles, header, left, records, rows
-from m2t_text.errors import DamagedError
+from m2t_text.errors import PartError
 
 CODES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
 EXPANSION = 100  # LZF turns three bytes into 264 at the most
@@ -30,7 +30,7 @@ class _Header:
 def read_pcd(file: BinaryIO) -> Floats:
     """The points (N, 2) or (N, 3) of a PCD file, in text, binary or compressed.
 
-    Raises DamagedError if it is none, or cut off.
+    Raises PartError if it is none, or cut off.
     """
     head = _read_header(file)
     if head.encoding == "ascii":
@@ -39,7 +39,7 @@ def read_pcd(file: BinaryIO) -> Floats:
         return records(file, head.fields, head.size, head.count)
     if head.encoding == "binary_compressed":
         return _decompressed(file, head)
-    raise DamagedError("its DATA is not ascii, binary or binary_compressed")
+    raise PartError("its DATA is not ascii, binary or binary_compressed")
 
 
 def _read_header(file: BinaryIO) -> _Header:
@@ -48,18 +48,18 @@ def _read_header(file: BinaryIO) -> _Header:
     repeats = lines.get("COUNT", ["1"] * len(names))
     described = (names, lines.get("TYPE", []), lines.get("SIZE", []), repeats)
     if not names or len({len(words) for words in described}) > 1:
-        raise DamagedError("no PCD header: its FIELDS, TYPE, SIZE and COUNT do not belong together")
+        raise PartError("no PCD header: its FIELDS, TYPE, SIZE and COUNT do not belong together")
     places: dict[str, tuple[Field, int]] = {}
     column = offset = 0
     for name, kind, width, repeat in zip(*described, strict=True):
         size, repeated = count_of(width), count_of(repeat)
         if (kind, size) not in CODES:
-            raise DamagedError(f"no PCD header: there is no number of TYPE {kind[:9]} and SIZE {size}")
+            raise PartError(f"no PCD header: there is no number of TYPE {kind[:9]} and SIZE {size}")
         places[name] = (Field(f"<{kind.lower()}{size}", offset), column)
         column, offset = column + repeated, offset + size * repeated
     axes = [places[axis] for axis in AXES if axis in places]
     if len(axes) < 2 or not {"x", "y"} <= set(places):
-        raise DamagedError(f"its fields are {' '.join(names)[:80]}, and not x, y and z")
+        raise PartError(f"its fields are {' '.join(names)[:80]}, and not x, y and z")
     fields, columns = [field for field, _ in axes], [place for _, place in axes]
     # An organised cloud of WIDTH by HEIGHT points has rows, which do not matter here.
     sides = lines.get("POINTS") or lines.get("WIDTH", []) + lines.get("HEIGHT", [])
@@ -72,17 +72,17 @@ def _decompressed(file: BinaryIO, head: _Header) -> Floats:
     try:
         import lzf
     except ImportError as error:
-        raise DamagedError(
+        raise PartError(
             "a compressed cloud takes one more package: pip install 'm2t-text[pcd]', or save it uncompressed"
         ) from error
     if left(file) < 8:
-        raise DamagedError("cut off before its points")
+        raise PartError("cut off before its points")
     packed, unpacked = struct.unpack("<II", file.read(8))
     if packed > left(file):
-        raise DamagedError(f"cut off: {packed} bytes are claimed, {left(file)} are there")
+        raise PartError(f"cut off: {packed} bytes are claimed, {left(file)} are there")
     if unpacked != head.count * head.size or unpacked > packed * EXPANSION:
-        raise DamagedError(f"{head.count} points of {head.size} bytes do not come from {packed} bytes")
+        raise PartError(f"{head.count} points of {head.size} bytes do not come from {packed} bytes")
     content = lzf.decompress(file.read(packed), unpacked)
     if content is None or len(content) != unpacked:
-        raise DamagedError("its compressed points are damaged")
+        raise PartError("its compressed points are damaged")
     return doubles(*(np.frombuffer(content, f.code, head.count, f.offset * head.count) for f in head.fields))

@@ -7,7 +7,7 @@ from typing import BinaryIO
 import numpy as np
 
 from m2t_text.clouds.parts import AXES, LINE_LIMIT, Floats, doubles, left, table
-from m2t_text.errors import DamagedError
+from m2t_text.errors import PartError
 
 COMMENTS = ("#", "//")
 LISTED = 80  # characters of the column names that are told
@@ -23,7 +23,7 @@ def read_lines(file: BinaryIO) -> Floats:
     Where a line names the columns, those named x, y and z are read, else the first two or three. Comments begin
     with # or //, and may name the columns, too.
 
-    Raises DamagedError if two columns are not told, ValueError for a line that has no numbers there.
+    Raises PartError if two columns are not told, ValueError for a line that has no numbers there.
     """
     names: list[str] = []
     for line in file:
@@ -35,14 +35,12 @@ def read_lines(file: BinaryIO) -> Floats:
             names = words
         elif words and not comment:
             if not _is_number(words[0]):
-                raise DamagedError(
-                    f"its columns are {' '.join(names or words)[:LISTED]!r}: name them x, y and z"
-                )
+                raise PartError(f"its columns are {' '.join(names or words)[:LISTED]!r}: name them x, y and z")
             columns = [names.index(axis) for axis in AXES if axis in names] or list(range(min(3, len(words))))
             if len(columns) < 2:
-                raise DamagedError("its lines hold one number each, and not x, y and z")
+                raise PartError("its lines hold one number each, and not x, y and z")
             return table(chain([line], file), columns, delimiter)
-    raise DamagedError("no line of numbers")
+    raise PartError("no line of numbers")
 
 
 def _delimiter(text: str) -> str | None:
@@ -63,20 +61,20 @@ def read_npy(file: BinaryIO) -> Floats:
 
     An own reader: NumPy's allocates what a header claims, and runs Python's parser over it.
 
-    Raises DamagedError if it is none, or cut off.
+    Raises PartError if it is none, or cut off.
     """
     magic = file.read(8)  # and the version, of which 1 has a shorter field for the header's length
     if len(magic) < 8 or not magic.startswith(b"\x93NUMPY"):
-        raise DamagedError("no NumPy array")
+        raise PartError("no NumPy array")
     length = int.from_bytes(file.read(2 if magic[6] == 1 else 4), "little")
     header = HEADER.fullmatch(file.read(min(length, LINE_LIMIT)))
     if header is None or int(header["columns"]) < 2:
-        raise DamagedError("no array of points: save one of numbers, (points, 2) or (points, 3)")
+        raise PartError("no array of points: save one of numbers, (points, 2) or (points, 3)")
     kind = np.dtype(header["kind"].decode())
     shape = (int(header["rows"]), int(header["columns"]))
     needed = shape[0] * shape[1] * kind.itemsize
     if needed > left(file):
-        raise DamagedError(f"cut off: {needed} bytes are claimed, {left(file)} are there")
+        raise PartError(f"cut off: {needed} bytes are claimed, {left(file)} are there")
     content = np.frombuffer(file.read(needed), kind)
     array = content.reshape(shape, order="F" if header["by_columns"] == b"True" else "C")
     return doubles(*array.T[:3])

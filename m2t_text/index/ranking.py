@@ -115,7 +115,7 @@ def _joined(parts: Sequence[Floats]) -> Floats:
 
 
 def _descending(values: Floats) -> NDArray[np.int64]:
-    """The order of values from the largest, but for those that hardly differ: 16 bits are sorted in linear time."""
+    """The order of values from the largest; 16 bits of each count, which are sorted in linear time."""
     most = float(values.max(initial=0.0))
     keys = np.floor(values * (65535 / most)) if most > 0 else values
     return np.argsort((65535 - keys).astype(np.uint16), kind="stable")

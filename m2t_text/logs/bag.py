@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import DamagedError, LogError, clean
+from m2t_text.errors import LogError, PartError, clean
 from m2t_text.files import shown
 from m2t_text.logs import checked_name, dataset_name
 from m2t_text.logs.frames import planar
@@ -41,7 +41,7 @@ def read_bag(
         with open_bag(path) as bag:
             recording = _record(bag, topics or Topics(), progress)
         return _log(name, recording)
-    except DamagedError as error:
+    except PartError as error:
         raise LogError(clean(f"{shown(path)}: {error}")) from error
 
 
@@ -49,11 +49,11 @@ def _record(bag: Bag, topics: Topics, progress: Progress | None) -> Recording:
     held = _listed(f"{topic} ({_plain(kind)})" for topic, kind in sorted(bag.topics.items()))
     laser = _topic(bag, (LASER,), topics.scan, "--scan-topic")
     if laser is None:
-        raise DamagedError(f"no laser scans ({_plain(LASER)}) in the bag; its topics are {held}")
+        raise PartError(f"no laser scans ({_plain(LASER)}) in the bag; its topics are {held}")
     odometry = _topic(bag, (ODOMETRY, TRANSFORMS), topics.odometry, "--odometry-topic")
     transforms = {topic for topic, kind in bag.topics.items() if kind == TRANSFORMS}
     if odometry is None and not transforms:
-        raise DamagedError(f"no odometry ({_plain(ODOMETRY)}) and no tf in the bag; its topics are {held}")
+        raise PartError(f"no odometry ({_plain(ODOMETRY)}) and no tf in the bag; its topics are {held}")
     recording = Recording(by_tf=odometry is None or odometry in transforms)
     wanted = {laser} | transforms | ({odometry} if odometry else set())
     for message in bag.messages(wanted, recording.damage, progress):
@@ -68,14 +68,12 @@ def _topic(bag: Bag, kinds: tuple[str, ...], wanted: str | None, option: str) ->
         for topic in fitting:
             if topic.strip("/") == wanted.strip("/"):
                 return topic
-        raise DamagedError(
+        raise PartError(
             f"{option}: no topic {wanted!r} of the type {_plain(kinds[0])}; there is {_listed(fitting)}"
         )
     held = [topic for topic, kind in sorted(bag.topics.items()) if kind == kinds[0]]
     if len(held) > 1:
-        raise DamagedError(
-            f"several topics of the type {_plain(kinds[0])}: {_listed(held)}; name one by {option}"
-        )
+        raise PartError(f"several topics of the type {_plain(kinds[0])}: {_listed(held)}; name one by {option}")
     return held[0] if held else None
 
 
@@ -83,9 +81,9 @@ def _log(name: str, recording: Recording) -> Log:
     damage, skipped, kept = recording.damage, recording.skipped, len(recording.sweeps)
     found = "".join(f" ({line})" for line in damage.report()[:1])
     if skipped > kept:
-        raise DamagedError(f"{skipped} of {skipped + kept} scans are damaged{found}: record or fetch it again")
+        raise PartError(f"{skipped} of {skipped + kept} scans are damaged{found}: record or fetch it again")
     if kept == 0:
-        raise DamagedError(f"no scan can be read{found}: record or fetch it again")
+        raise PartError(f"no scan can be read{found}: record or fetch it again")
     robot, wheels = _odometry(recording, found)
     mounted = _mounted(recording, robot)
     sweeps = []
@@ -95,7 +93,7 @@ def _log(name: str, recording: Recording) -> Log:
         else:
             damage.add("scan before the first odometry or after the last", sweep.number)
     if len(sweeps) < 2:
-        raise DamagedError(
+        raise PartError(
             f"only {len(sweeps)} of {kept + skipped} scans at the times of the odometry, and a log needs 2: "
             "are the stamps of one clock?"
         )
@@ -117,7 +115,7 @@ def _odometry(recording: Recording, found: str) -> tuple[str, Track]:
     if recording.by_tf:
         track = recording.frames.track(base)
         if track is None:
-            raise DamagedError(
+            raise PartError(
                 f"no odometry: no {_plain(ODOMETRY)}, and the frame {base!r} of the laser does not move in tf, "
                 f"which knows {_listed(recording.frames.names())}"
             )
@@ -127,7 +125,7 @@ def _odometry(recording: Recording, found: str) -> tuple[str, Track]:
         times = np.array([time for time, _ in recording.odometry])
         poses = np.array([pose for _, pose in recording.odometry])
     else:
-        raise DamagedError(f"no odometry can be read{found}: name another topic by --odometry-topic")
+        raise PartError(f"no odometry can be read{found}: name another topic by --odometry-topic")
     times, order = np.unique(times, return_index=True)
     return base, Track(times, times, poses[order])
 
@@ -137,15 +135,13 @@ def _mounted(recording: Recording, robot: str) -> Floats:
     assert recording.laser is not None
     mounted = recording.frames.between(robot, recording.laser)
     if mounted is None:
-        raise DamagedError(
+        raise PartError(
             f"no fixed transform from the robot {robot!r} to the laser {recording.laser!r}: record /tf_static, "
             f"too; tf knows {_listed(recording.frames.names())}"
         )
     if abs(mounted[2, 2]) < math.cos(TILT):
         tilt = math.degrees(math.acos(abs(mounted[2, 2])))
-        raise DamagedError(
-            f"the laser {recording.laser!r} is tilted by {tilt:.0f} degrees; 2D maps need it level"
-        )
+        raise PartError(f"the laser {recording.laser!r} is tilted by {tilt:.0f} degrees; 2D maps need it level")
     return mounted
 
 

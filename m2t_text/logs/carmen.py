@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import DamagedError, LogError
+from m2t_text.errors import LogError, PartError
 from m2t_text.files import shown
 from m2t_text.logs import checked_name, dataset_name
 from m2t_text.logs.lines import Damage, Progress, read_lines
@@ -90,7 +90,7 @@ def _read_messages(path: Path, damage: Damage, progress: Progress | None) -> Mes
         kind = words[0]
         try:
             READERS[kind](messages, number, words, whole)
-        except DamagedError as error:
+        except PartError as error:
             if kind in (b"FLASER", b"ROBOTLASER1"):
                 messages.damaged.append(number)
             damage.add(f"{kind.decode()} {'cut off at the end of the file' if not whole else error}", number)
@@ -118,7 +118,7 @@ def _read_flaser(messages: Messages, line: int, words: list[bytes], whole: bool)
     end = 2 + _count(words, 1)
     tail = len(words) - end
     if not (7 if whole else 9) <= tail <= 9:
-        raise DamagedError("with a wrong number of values")
+        raise PartError("with a wrong number of values")
     ranges, scan = _ranges(words[2:end]), _scan(line, words[end : end + 7])
     messages.add_scan(scan, ranges, half_circle(len(ranges)), math.inf)
 
@@ -130,11 +130,11 @@ def _read_robotlaser(messages: Messages, line: int, words: list[bytes], whole: b
     after = end + 1 + _count(words, end, least=0)
     tail = len(words) - after
     if not (12 if whole else 14) <= tail <= 14:
-        raise DamagedError("with a wrong number of values")
+        raise PartError("with a wrong number of values")
     ranges = _ranges(words[9:end])
     step = step or field_of_view / (len(ranges) - 1)
     if not (abs(start) <= 2 * math.pi and 0 < step * (len(ranges) - 1) <= 2.01 * math.pi and maximum > 0):
-        raise DamagedError("with an impossible field of view or maximum range")
+        raise PartError("with an impossible field of view or maximum range")
     scan = _scan(line, words[after : after + 6] + words[after + 11 : after + 12])
     messages.add_scan(scan, ranges, start + step * np.arange(len(ranges), dtype=np.float64), maximum)
 
@@ -142,7 +142,7 @@ def _read_robotlaser(messages: Messages, line: int, words: list[bytes], whole: b
 def _read_odom(messages: Messages, line: int, words: list[bytes], whole: bool) -> None:
     """``ODOM x y theta tv rv accel time host logger's time``; the last two may be missing."""
     if len(words) < (8 if whole else 10):
-        raise DamagedError("with a wrong number of values")
+        raise PartError("with a wrong number of values")
     x, y, theta, time = _numbers([*words[1:4], words[7]])
     _check_poses(x, y, theta)
     _check_time(time)
@@ -170,9 +170,9 @@ def _count(words: list[bytes], at: int, least: int = 2) -> int:
     try:
         count = int(words[at])
     except (IndexError, ValueError) as error:
-        raise DamagedError("with a wrong number of values") from error
+        raise PartError("with a wrong number of values") from error
     if not least <= count < len(words):
-        raise DamagedError("with a wrong number of values")
+        raise PartError("with a wrong number of values")
     return count
 
 
@@ -180,14 +180,14 @@ def _numbers(words: list[bytes]) -> list[float]:
     try:
         numbers = [float(word) for word in words]
     except ValueError as error:
-        raise DamagedError("with words that are not numbers") from error
+        raise PartError("with words that are not numbers") from error
     return numbers
 
 
 def _ranges(words: list[bytes]) -> Floats:
     ranges = np.array(_numbers(words), dtype=np.float64)
     if not (ranges >= 0).all():  # false for NaN, too
-        raise DamagedError("with a NaN or negative reading")
+        raise PartError("with a NaN or negative reading")
     return ranges
 
 
@@ -200,12 +200,12 @@ def _scan(line: int, words: list[bytes]) -> tuple[float, ...]:
 
 def _check_poses(*values: float) -> None:
     if not all(abs(value) < POSE_LIMIT for value in values):
-        raise DamagedError("with a pose that is not finite")
+        raise PartError("with a pose that is not finite")
 
 
 def _check_time(time: float) -> None:
     if not abs(time) < TIME_LIMIT:
-        raise DamagedError("with a time that is not finite")
+        raise PartError("with a time that is not finite")
 
 
 @cache

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import DamagedError
+from m2t_text.errors import PartError
 
 Floats = NDArray[np.float64]
 
@@ -18,12 +18,12 @@ LIMIT = 1e6  # m; beyond it a number is damage, and arithmetic on it would overf
 def rigid(translation: Sequence[float], quaternion: Sequence[float]) -> Floats:
     """(4, 4) of a translation x, y, z and a quaternion x, y, z, w of any length but zero.
 
-    Raises DamagedError if they are no pose.
+    Raises PartError if they are no pose.
     """
     x, y, z, w = quaternion
     norm = float(np.hypot(np.hypot(x, y), np.hypot(z, w)))
     if not 1e-3 < norm < 1e3 or not all(abs(metres) < LIMIT for metres in translation):  # false for NaN, too
-        raise DamagedError("with a pose that is none")
+        raise PartError("with a pose that is none")
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     return np.array(
         [
@@ -60,11 +60,11 @@ class Frames:
     def add(self, parent: str, child: str, time: float, pose: Floats) -> None:
         """The pose (4, 4) of a frame in its parent at some time, seconds.
 
-        Raises DamagedError if it had another parent before: each frame has one.
+        Raises PartError if it had another parent before: each frame has one.
         """
         joint = self.joints.setdefault(child, _Joint(parent, pose))
         if joint.parent != parent:
-            raise DamagedError(f"that puts {child!r} into {parent!r}, which is in {joint.parent!r}")
+            raise PartError(f"that puts {child!r} into {parent!r}, which is in {joint.parent!r}")
         joint.moves = joint.moves or bool(np.abs(pose - joint.first).max() > STILL)
         joint.times.append(time)
         joint.poses.extend(planar(pose))

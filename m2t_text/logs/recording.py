@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.errors import DamagedError
+from m2t_text.errors import PartError
 from m2t_text.logs.frames import LIMIT, Frames, planar, rigid
 from m2t_text.logs.lines import Damage
 from m2t_text.logs.log import Scan
@@ -62,14 +62,14 @@ class Recording:
         adders = {LASER: self._add_scan, ODOMETRY: self._add_odometry, TRANSFORMS: self._add_frames}
         try:
             adders[message.kind](message)
-        except DamagedError as error:
+        except PartError as error:
             self.skipped += message.kind == LASER
             self.damage.add(f"{message.topic} {error}", message.number)
 
     def _add_scan(self, message: Message) -> None:
         frame = _frame(message.body.header.frame_id)
         if self.laser not in (None, frame):
-            raise DamagedError(f"of another laser than {self.laser!r}")
+            raise PartError(f"of another laser than {self.laser!r}")
         self.sweeps.append(_sweep(message))
         self.laser = frame
 
@@ -89,7 +89,7 @@ def _sweep(message: Message) -> Sweep:
     body = message.body
     start, step, count = body.angle_min, body.angle_increment, len(body.ranges)
     if not (count >= 2 and abs(start) <= 2.01 * math.pi and 0 < abs(step) * (count - 1) <= 2.01 * math.pi):
-        raise DamagedError("with an impossible field of view")
+        raise PartError("with an impossible field of view")
     finite = np.nan_to_num(body.ranges, nan=0.0, posinf=0.0, neginf=0.0)
     # Stage, Gazebo and older drivers report their maximum for a beam that did not return. A limit of 0 is none.
     limit = body.range_max if 0 < body.range_max < LIMIT else LIMIT

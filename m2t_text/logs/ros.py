@@ -14,7 +14,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any
 
-from m2t_text.errors import DamagedError, LogError, clean
+from m2t_text.errors import LogError, PartError, clean
 from m2t_text.files import is_folder, opened, shown
 from m2t_text.logs.lines import PROGRESS_STEP, Damage, Progress
 
@@ -81,13 +81,13 @@ class Bag:
                 try:
                     with _library():
                         message = Message(connection.topic, kind, number, time / 1e9, self._decode(raw, kind))
-                except DamagedError:
+                except PartError:
                     damage.add(f"{connection.topic}, no message of its type", number)
                     continue
                 yield message
                 if progress and number % PROGRESS_STEP == 0:
                     progress(min(number, total), total)
-        except DamagedError as error:
+        except PartError as error:
             damage.add(f"the bag is damaged ({error}), the rest was not read", number + 1)
         if progress:
             progress(total, total)
@@ -127,7 +127,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
                 for one in reader.connections:
                     counts[one.topic] += int(one.msgcount)
                     kinds[one.topic] = str(OLDER.get(one.msgtype, one.msgtype))
-        except DamagedError as error:
+        except PartError as error:
             mend = MENDED.get(path.suffix.lower(), "")
             text = f"{shown(path)} is no sound bag ({error}): {mend}record or fetch it again"
             raise LogError(clean(text)) from error
@@ -152,4 +152,4 @@ def _library() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise DamagedError(" ".join(str(error).split()) or type(error).__name__) from error
+        raise PartError(" ".join(str(error).split()) or type(error).__name__) from error

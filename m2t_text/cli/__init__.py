@@ -1,6 +1,5 @@
 """The command line. It parses and prints; what it calls computes. Heavy imports stay inside the commands."""
 
-import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -11,11 +10,11 @@ INTERRUPTED = 130  # the exit status that shells give a program ended by Ctrl-C
 
 def main() -> None:
     """The entry point of ``m2t-text``."""
-    from m2t_text.cli.starting import start_quickly
+    from m2t_text.cli.starting import end_quickly, start_quickly
 
     start_quickly()
     status = run()
-    gc.freeze()  # or the interpreter looks for cycles among all that was loaded, only to end
+    end_quickly()
     sys.exit(status)
 
 

@@ -15,6 +15,7 @@ Documents = NDArray[np.int64]
 Part = TypeVar("Part")
 
 SHARES = 32  # parts for each thread, so that all of them end together; but
+GROWTH = 4  # of batches
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
 
@@ -80,9 +81,11 @@ class Ranking:
         bounds[done] = 0.0
         rest = np.flatnonzero((bounds > 0) & (bounds >= last))
         rest = rest[_descending(bounds[rest])]
+        size = len(done)
         while len(rest):
-            # Batches double: few of them, and what the first ones find spares a close look at the later ones.
-            batch, rest = np.split(rest, [len(done)])
+            # Batches grow: few of them, and what the first ones find spares a close look at the later ones.
+            batch, rest = np.split(rest, [size])
+            size *= GROWTH
             tight = _joined(self._each(self._measure.tighten, np.sort(batch), last))
             promising = np.sort(batch)[tight >= last]
             scores = Scores.joined([scores, self._scores(promising, last)])

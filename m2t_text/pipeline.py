@@ -1,7 +1,6 @@
 """From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -141,6 +140,8 @@ def _described(
         for chunk in chunks:
             yield [describe(m, dataset, parameters) for m in maps(chunk)]
         return
+    from concurrent.futures import ProcessPoolExecutor
+
     with ProcessPoolExecutor(jobs, initializer=_start, initargs=(maps, dataset, parameters)) as pool:
         yield from pool.map(_work, chunks)
 

@@ -1,10 +1,8 @@
-"""Processes that share the work of one command."""
+"""Processes that share the work of one command. What starts them is loaded by those commands that need it."""
 
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import parent_process
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -26,6 +24,8 @@ def mapped(make: Callable[[], Callable[[Item], Result]], items: Sequence[Item], 
     if jobs <= 1 or len(items) <= 1:
         yield from map(make(), items)
         return
+    from concurrent.futures import ProcessPoolExecutor
+
     with ProcessPoolExecutor(jobs, initializer=_start, initargs=(make,)) as pool:
         yield from pool.map(_work, items)
 
@@ -51,6 +51,8 @@ def follow_parent() -> None:
 
 def _end_with_parent() -> None:
     """A parent that is killed cannot end its pool, whose processes would wait for work for ever."""
+    from multiprocessing import parent_process
+
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -379,6 +379,11 @@ def test_the_environment_names_the_index(
         (["simulate", "missing/a.log"], "name a file in a folder that exists"),
         (["simulate", "."], "name a file in a folder that exists"),
         (["simulate", "a.log", "--length", "3"], "--length"),
+        (["simulate", "a.log", "--length", "nan"], "--length"),
+        (["simulate", "a.log", "--travel", "nan"], "--travel"),
+        (["search", "LOG@3", "--run", "nan"], "--run"),
+        (["evaluate-map", "LOG", "--run", "nan"], "--run"),
+        (["evaluate-map", "LOG", "--covered", "nan"], "--covered"),
     ],
 )
 def test_a_wrong_call_gets_one_line(

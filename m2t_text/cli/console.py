@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isnan
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -98,3 +99,12 @@ def _console(stderr: bool = False) -> "Console":
 
     console = Console(stderr=stderr, highlight=False)
     return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=WIDE)
+
+
+def a_number(value: float | None) -> float | None:
+    """The value of an option, if it is a number: "nan" lies within all limits of some versions of Typer."""
+    if value is not None and isnan(value):
+        from typer import BadParameter
+
+        raise BadParameter("nan is not a number of metres or a share.")
+    return value

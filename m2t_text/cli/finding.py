@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from m2t_text.cli.console import note, print_json, print_lines, print_table
+from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,6 +53,7 @@ RunOption = Annotated[
     typer.Option(
         "--run",
         min=0.0,
+        callback=a_number,
         metavar="METRES",
         help="Travel in a map that is cut from a log; 0 for a single scan.",
         show_default="as in the index",
@@ -80,7 +81,10 @@ def search(
     exclude_travel: Annotated[
         float | None,
         typer.Option(
-            min=0.0, metavar="METRES", help="Leave out maps of the same drive within these metres of travel."
+            min=0.0,
+            callback=a_number,
+            metavar="METRES",
+            help="Leave out maps of the same drive within these metres of travel.",
         ),
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from m2t_text.cli.console import bars, complain, note, print_held, print_lines, print_table
+from m2t_text.cli.console import a_number, bars, complain, note, print_held, print_lines, print_table
 from m2t_text.cli.finding import DEFAULT_INDEX, HeightOption, IndexOption, OdometryTopicOption, ScanTopicOption
 from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
@@ -44,10 +44,12 @@ def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT.log", help="The file to write; .gz is packed.")],
     seed: SeedOption = 0,
     travel: Annotated[
-        float, typer.Option(min=3.0, max=1000.0, metavar="METRES", help="Length of the drive.")
+        float,
+        typer.Option(min=3.0, max=1000.0, callback=a_number, metavar="METRES", help="Length of the drive."),
     ] = 180.0,
     length: Annotated[
-        float, typer.Option(min=24.0, max=200.0, metavar="METRES", help="Length of the building.")
+        float,
+        typer.Option(min=24.0, max=200.0, callback=a_number, metavar="METRES", help="Length of the building."),
     ] = 44.0,
 ) -> None:
     """Write the laser log of a drive through a simulated building, in CARMEN's format.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from m2t_text.cli.console import bars, note, print_json, print_table
+from m2t_text.cli.console import a_number, bars, note, print_json, print_table
 from m2t_text.cli.finding import JsonOption
 from m2t_text.files import make_folder
 from m2t_text.workers import cores
@@ -20,13 +20,20 @@ def evaluate_map(
         list[Path], typer.Argument(metavar="SOURCE...", help="Laser logs with corrected poses.")
     ],
     run: Annotated[
-        float, typer.Option(min=0.0, metavar="METRES", help="Travel in a query; 0 for single scans.")
+        float,
+        typer.Option(
+            min=0.0, callback=a_number, metavar="METRES", help="Travel in a query; 0 for single scans."
+        ),
     ] = 3.0,
     queries: Annotated[int, typer.Option(min=1, metavar="N", help="Queries drawn of each log.")] = 200,
     covered: Annotated[
         float,
         typer.Option(
-            min=0.0, max=1.0, metavar="SHARE", help="Share of a query's points that the map must show."
+            min=0.0,
+            max=1.0,
+            callback=a_number,
+            metavar="SHARE",
+            help="Share of a query's points that the map must show.",
         ),
     ] = 0.65,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Another seed, another draw.")] = 0,

@@ -16,7 +16,7 @@ from m2t_text.logs.log import Log
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 from m2t_text.mapping.window import local_map_at
-from m2t_text.workers import follow_parent
+from m2t_text.workers import mapped
 
 Progress = Callable[[str, int, int], None]  # stage, done, all
 Maps = Callable[[NDArray[np.int64]], Iterable[LocalMap]]  # those of some numbers; it goes to other processes
@@ -106,7 +106,7 @@ def describe_all(
     tell = progress or _silent
     chunks = [numbers[k : k + CHUNK] for k in range(0, len(numbers), CHUNK)]
     done = 0
-    for documents in _described(maps, chunks, dataset, parameters, jobs):
+    for documents in mapped(partial(_describer, maps, dataset, parameters), chunks, jobs):
         yield from documents
         done += len(documents)
         tell("maps", done, len(numbers))
@@ -130,29 +130,8 @@ def _silent(stage: str, done: int, of: int) -> None:
     """Progress that nobody watches."""
 
 
-_worker: tuple[Maps, str, Parameters]
-
-
-def _described(
-    maps: Maps, chunks: list[NDArray[np.int64]], dataset: str, parameters: Parameters, jobs: int
-) -> Iterator[list[Document]]:
-    if jobs <= 1 or len(chunks) <= 1:
-        for chunk in chunks:
-            yield [describe(m, dataset, parameters) for m in maps(chunk)]
-        return
-    from concurrent.futures import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(maps, dataset, parameters)) as pool:
-        yield from pool.map(_work, chunks)
-
-
-def _start(maps: Maps, dataset: str, parameters: Parameters) -> None:
-    """Makes a process of the pool ready: it gets what maps are made of once, and not with every chunk."""
-    global _worker  # noqa: PLW0603
-    _worker = (maps, dataset, parameters)
-    follow_parent()
-
-
-def _work(chunk: NDArray[np.int64]) -> list[Document]:
-    maps, dataset, parameters = _worker
-    return [describe(m, dataset, parameters) for m in maps(chunk)]
+def _describer(
+    maps: Maps, dataset: str, parameters: Parameters
+) -> Callable[[NDArray[np.int64]], list[Document]]:
+    """What describes a chunk of numbers."""
+    return lambda chunk: [describe(one, dataset, parameters) for one in maps(chunk)]

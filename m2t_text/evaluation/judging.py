@@ -1,8 +1,8 @@
 """Every query looked up and judged against the ground truth, on several cores."""
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from m2t_text.geometry import between
 from m2t_text.index.store import MapIndex
 from m2t_text.index.weighting import Method
 from m2t_text.queries import Query
-from m2t_text.workers import follow_parent
+from m2t_text.workers import mapped
 
 METHODS: tuple[Method, ...] = ("bow", "m2t")  # the paper's two, which rank by the text alone
 
@@ -77,34 +77,16 @@ def judge_all(
 ) -> list[Judgement]:
     """The judgements of all queries, in order, by the index in a folder; the same for any number of jobs."""
     judgements = []
-    for judgement in _judged(path, truth, queries.tolist(), jobs):
+    # Processes, not threads: reading an index moves a file position that threads would share.
+    for judgement in mapped(partial(_judge_of, path, truth), queries.tolist(), jobs):
         judgements.append(judgement)
         if progress:
             progress(len(judgements), len(queries))
     return judgements
 
 
-_worker: tuple[MapIndex, GroundTruth]
-
-
-def _judged(path: Path, truth: GroundTruth, queries: list[int], jobs: int) -> Iterator[Judgement]:
-    if jobs <= 1 or len(queries) <= 1:
-        index = MapIndex.open(path)
-        yield from (judge(index, truth, query) for query in queries)
-        return
-    # Processes, not threads: reading an index moves a file position that threads would share.
-    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(path, truth)) as pool:
-        yield from pool.map(_work, queries)
-
-
-def _start(path: Path, truth: GroundTruth) -> None:
-    global _worker  # noqa: PLW0603 - each process opens the index once, not with every query
-    follow_parent()
-    _worker = (MapIndex.open(path), truth)
-
-
-def _work(query: int) -> Judgement:
-    return judge(*_worker, query)
+def _judge_of(path: Path, truth: GroundTruth) -> Callable[[int], Judgement]:
+    return partial(judge, MapIndex.open(path), truth)
 
 
 def column(judgements: list[Judgement], name: str, key: str) -> Floats:

@@ -13,15 +13,31 @@ from numpy.typing import NDArray
 from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, Floats, States
 
 
+class Axis(NamedTuple):
+    """Where a ray is along one axis: its cell, the step to the next, the way to its border, and between two."""
+
+    cell: int
+    step: int
+    border: float
+    between: float
+
+
 @njit(cache=True, nogil=True)
-def _begin(place: float, direction: float) -> tuple[int, int, float, float]:
-    """Of one axis: a ray's first cell, the step to the next, the way to its first border, and between two."""
+def _begin(place: float, direction: float) -> Axis:
     cell = int(math.floor(place))
     if direction > 0:
-        return cell, 1, (cell + 1 - place) / direction, 1 / direction
+        return Axis(cell, 1, (cell + 1 - place) / direction, 1 / direction)
     if direction < 0:
-        return cell, -1, (cell - place) / direction, -1 / direction
-    return cell, 0, math.inf, math.inf
+        return Axis(cell, -1, (cell - place) / direction, -1 / direction)
+    return Axis(cell, 0, math.inf, math.inf)
+
+
+@njit(cache=True, nogil=True)
+def _next(x: Axis, y: Axis) -> tuple[Axis, Axis]:
+    """The same in the next cell of the ray."""
+    if x.border <= y.border:
+        return Axis(x.cell + x.step, x.step, x.border + x.between, x.between), y
+    return x, Axis(y.cell + y.step, y.step, y.border + y.between, y.between)
 
 
 @njit(cache=True, nogil=True)
@@ -38,23 +54,18 @@ def cast(states: States, x: float, y: float, angle: float, reach: float, veil: f
         veil: how much unknown space it passes; nothing is said of what lies behind more of it.
     """
     rows, columns = states.shape
-    i, step_i, next_i, between_i = _begin(x, math.cos(angle))
-    j, step_j, next_j, between_j = _begin(y, math.sin(angle))
+    across, down = _begin(x, math.cos(angle)), _begin(y, math.sin(angle))
     gone, dark = 0.0, 0.0
-    while gone <= reach and dark <= veil and 0 <= i < columns and 0 <= j < rows:
-        leave = min(next_i, next_j)
-        if states[j, i] == OCCUPIED:
+    while gone <= reach and dark <= veil and 0 <= across.cell < columns and 0 <= down.cell < rows:
+        leave = min(across.border, down.border)
+        state = states[down.cell, across.cell]
+        if state == OCCUPIED:
             middle = (gone + leave) / 2
             return middle if middle <= reach else math.inf
-        if states[j, i] == UNKNOWN:
+        if state == UNKNOWN:
             dark += leave - gone
         gone = leave
-        if next_i <= next_j:
-            i += step_i
-            next_i += between_i
-        else:
-            j += step_j
-            next_j += between_j
+        across, down = _next(across, down)
     return math.inf
 
 
@@ -127,16 +138,10 @@ def count(passed: NDArray[np.int32], begin: Floats, ends: Floats) -> None:
     """
     rows, columns = passed.shape
     for k in range(len(ends)):
-        dx, dy = ends[k, 0] - begin[0], ends[k, 1] - begin[1]
-        i, step_i, next_i, between_i = _begin(begin[0], dx)
-        j, step_j, next_j, between_j = _begin(begin[1], dy)
-        last_i, last_j = int(math.floor(ends[k, 0])), int(math.floor(ends[k, 1]))
-        while min(next_i, next_j) <= 1.0 and not (i == last_i and j == last_j):
-            if 0 <= i < columns and 0 <= j < rows:
-                passed[j, i] += 1
-            if next_i <= next_j:
-                i += step_i
-                next_i += between_i
-            else:
-                j += step_j
-                next_j += between_j
+        across = _begin(begin[0], ends[k, 0] - begin[0])
+        down = _begin(begin[1], ends[k, 1] - begin[1])
+        column, row = int(math.floor(ends[k, 0])), int(math.floor(ends[k, 1]))
+        while min(across.border, down.border) <= 1.0 and not (across.cell == column and down.cell == row):
+            if 0 <= across.cell < columns and 0 <= down.cell < rows:
+                passed[down.cell, across.cell] += 1
+            across, down = _next(across, down)

@@ -76,6 +76,12 @@ def written_whole(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def check_folder(path: Path) -> None:
+    """Raises M2TError if no file can be written there; told before the work, not after it."""
+    if not path.parent.is_dir() or path.is_dir():
+        raise M2TError(f"cannot write {str(path)!r}: name a file in a folder that exists")
+
+
 def make_folder(path: Path) -> None:
     """Makes a folder and those above it. Raises M2TError if it cannot be made."""
     try:

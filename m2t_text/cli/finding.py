@@ -48,6 +48,9 @@ OdometryTopicOption = Annotated[
         show_default="the only one, else tf",
     ),
 ]
+JobsOption = Annotated[
+    int | None, typer.Option("--jobs", min=1, metavar="N", help="Processes.", show_default="all cores")
+]
 RunOption = Annotated[
     float | None,
     typer.Option(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from m2t_text.cli.console import bars, note, print_json, print_lines
-from m2t_text.cli.finding import JsonOption, PlotOption
+from m2t_text.cli.finding import JobsOption, JsonOption, PlotOption
+from m2t_text.files import check_folder
 from m2t_text.workers import cores
 
 if TYPE_CHECKING:
@@ -31,9 +32,7 @@ def loops(
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="The dataset's name.", show_default="the file's name")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes.", show_default="all cores")
-    ] = None,
+    jobs: JobsOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
 ) -> None:
@@ -53,7 +52,7 @@ def loops(
     """
     from m2t_text.index.store import MapIndex
     from m2t_text.logs import dataset_name, read_log
-    from m2t_text.loops.export import check_folder, to_g2o, to_json, to_tum, write
+    from m2t_text.loops.export import to_g2o, to_json, to_tum, write
     from m2t_text.loops.graph import pose_graph
     from m2t_text.loops.walk import walk
 

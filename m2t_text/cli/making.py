@@ -9,7 +9,7 @@ import typer
 from m2t_text.cli.console import a_number, bars, complain, note, print_held, print_lines, print_table
 from m2t_text.cli.finding import DEFAULT_INDEX, HeightOption, IndexOption, OdometryTopicOption, ScanTopicOption
 from m2t_text.config import PROFILES
-from m2t_text.errors import M2TError
+from m2t_text.files import check_folder
 from m2t_text.workers import cores
 
 JobsOption = Annotated[
@@ -63,8 +63,7 @@ def simulate(
     from m2t_text.logs.simulator import Simulation, write_carmen
     from m2t_text.logs.simulator import simulate as drive
 
-    if not out.parent.is_dir() or out.is_dir():
-        raise M2TError(f"cannot write {str(out)!r}: name a file in a folder that exists")
+    check_folder(out)
     with bars() as progress:
         log = drive(
             Simulation(seed=seed, travel=travel, length=length), partial(progress, out.name, "simulating")

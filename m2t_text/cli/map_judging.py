@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from m2t_text.cli.console import a_number, bars, note, print_json, print_table
-from m2t_text.cli.finding import JsonOption
+from m2t_text.cli.finding import JobsOption, JsonOption
 from m2t_text.files import make_folder
 from m2t_text.workers import cores
 
@@ -37,9 +37,7 @@ def evaluate_map(
         ),
     ] = 0.65,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Another seed, another draw.")] = 0,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes.", show_default="all cores")
-    ] = None,
+    jobs: JobsOption = None,
     maps: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the maps that are drawn.")] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -70,12 +70,6 @@ def _loop(loop: Loop, edge: Edge) -> dict[str, Any]:
     }
 
 
-def check_folder(path: Path) -> None:
-    """Raises M2TError if no file can be written there; told before the work, not after it."""
-    if not path.parent.is_dir() or path.is_dir():
-        raise M2TError(f"cannot write {str(path)!r}: name a file in a folder that exists")
-
-
 def write(path: Path, text: str) -> None:
     """Writes a file whole or not at all. Raises M2TError if it cannot be written."""
     try:

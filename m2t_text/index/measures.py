@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable
-from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from m2t_text.index.windows import COARSE, FINE, Grid, Scratch
 Floats = NDArray[np.float64]
 Documents = NDArray[np.int64]
 Counts = NDArray[np.int32]
+Made = TypeVar("Made")
 
 REACH = 400  # cells; a query's keypoints farther from its viewpoint match nothing, and cost no memory
 ROUNDING = 1 - 1e-12  # of a sum that is needed to reach a quotient
@@ -111,34 +112,28 @@ class AgreementMeasure:
         cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
         self._seen = Views(seen.angles, *cells)
         self._rooms = threading.local()
-        self._lock = threading.RLock()  # the first thread makes what all use
-
-    @cached_property
-    def _made_board(self) -> agreement.Board:
-        return agreement.Board.of(self._seen, self._window)
-
-    @cached_property
-    def _made_bounder(self) -> Bounder:
-        return Bounder.of(self._seen)
-
-    @cached_property
-    def _made_finer(self) -> FineBounder:
-        return FineBounder.of(self._seen, self._bounder)
+        self._made: dict[str, Any] = {}
+        self._lock = threading.RLock()
 
     @property
     def _board(self) -> agreement.Board:
-        with self._lock:
-            return self._made_board
+        return self._once("board", lambda: agreement.Board.of(self._seen, self._window))
 
     @property
     def _bounder(self) -> Bounder:
-        with self._lock:
-            return self._made_bounder
+        return self._once("bounder", lambda: Bounder.of(self._seen))
 
     @property
     def _finer(self) -> FineBounder:
+        return self._once("finer", lambda: FineBounder.of(self._seen, self._bounder))
+
+    def _once(self, name: str, make: Callable[[], Made]) -> Made:
+        """What the first thread that needs it makes, while the others wait."""
         with self._lock:
-            return self._made_finer
+            if name not in self._made:
+                self._made[name] = make()
+            made: Made = self._made[name]
+            return made
 
     def promise(self, name: str, documents: Documents) -> Floats:
         shares = np.zeros(len(documents))

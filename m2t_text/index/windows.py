@@ -55,9 +55,7 @@ class Scratch(NamedTuple):
     windows: NDArray[np.uint64]
 
 
-KINDS = (
-    4  # of keypoints: those in the first column of a coarse cell or not, times those in the first row or not
-)
+KINDS = 4  # of keypoints: in the first column of their coarse cell or not, and in its first row or not
 COARSE, FINE = Grid(12), Grid(38)
 STEP = 3  # cells of a map, in x and in y, that lie in one of the coarse grid
 ANY, FIRST_X, FIRST_Y = U(1), U(2), U(4)  # bits of a coarse cell: a keypoint, one in its first column, in its
@@ -112,7 +110,7 @@ def coarse_windows(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
     begin, end = width * (low - U(2)), width * (high + U(1))
     for k in range(begin, end + U(1)):
         in_x, in_y, in_both = taken[k + block], taken[k + U(2) * block], taken[k + U(3) * block]
-        taken[k] = taken[k] * ANY | in_x * OF_X | in_y * OF_Y | in_both * OF_BOTH
+        taken[k] |= in_x * OF_X | in_y * OF_Y | in_both * OF_BOTH
     for k in range(begin, end):
         next_word = taken[k + U(1)]
         one = taken[k] >> U(8) | next_word << U(56)

@@ -10,9 +10,7 @@ from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Floats, Grid
 from m2t_text.saved_maps.rays import count
 
 MARGIN = 1.0  # m about what was seen
-SOLID = (
-    0.25  # share of the beams that met something in a cell, of all that came to it, above which it is occupied
-)
+SOLID = 0.25  # share of the beams that come to a cell; if more of them meet something there, it is occupied
 
 
 def draw_map(

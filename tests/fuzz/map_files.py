@@ -14,9 +14,7 @@ from m2t_text.sources import Source, open_source
 RESOLUTION = 0.2  # m
 HEADER = f"image: map.image\nresolution: {RESOLUTION}\norigin: [-1.5, 2, 0.1]\n"
 USUAL = "mode: trinary\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-AREA = (
-    5.0  # m² of the largest map that is described: a short file may tell of 80,000, to be looked at for minutes
-)
+AREA = 5.0  # m² of the largest map that is described: a short file may tell of 80,000, looked at for an hour
 PNG_HEAD = 8  # bytes before the first chunk
 MODES = {
     "PPM": ("L", "1", "RGB"),

@@ -22,6 +22,8 @@ class Scan:
         odometry: (3,) x, y, theta of the robot from raw wheel odometry, metres and radians.
         timestamp: seconds; 0 where the log has none.
         line: number of its line, or of its message, in the file, from 1.
+        drive: number of the drive, from 0. Nothing is known of the way from the last scan of one drive to the
+            first of the next: the clock or the odometry began again, or leapt. No local map spans two drives.
     """
 
     ranges: Floats
@@ -29,6 +31,7 @@ class Scan:
     odometry: Floats
     timestamp: float = 0.0
     line: int = 0
+    drive: int = 0
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Log:
         ground_truth: (S, 3) corrected robot poses, or None. For judging only: nothing that describes,
             indexes or searches may read it.
         warnings: one line for each kind of damage that was skipped, with counts and line numbers.
+        has_odometry: False if nothing in the log tells how the robot moved; all odometry poses are equal then,
+            and the trajectory is that of scan matching alone.
 
     Raises LogError if the laser sits nowhere on a robot.
     """
@@ -59,6 +64,7 @@ class Log:
     laser_pose: Floats = field(default_factory=lambda: np.zeros(3))
     ground_truth: Floats | None = None
     warnings: tuple[str, ...] = ()
+    has_odometry: bool = True
 
     def __post_init__(self) -> None:
         away = float(np.hypot(*self.laser_pose[:2]))
@@ -71,3 +77,9 @@ class Log:
     def odometry(self) -> Floats:
         """(S, 3) raw odometry of every scan."""
         return np.array([scan.odometry for scan in self.scans]).reshape(-1, 3)
+
+    @property
+    def cuts(self) -> NDArray[np.int64]:
+        """The scans at which a new drive begins, but for the first: indices in ascending order."""
+        drives = np.array([scan.drive for scan in self.scans])
+        return np.flatnonzero(np.diff(drives)) + 1

@@ -5,6 +5,7 @@ A covariance belongs to a small motion ``e`` = (x, y, theta) in the frame of the
 Smith, Self and Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ MOVE = 0.02**2  # m² per m of travel, in every direction
 HEADING = 0.005**2  # rad² per m of travel
 TURN = 0.01**2  # rad² per rad of turning
 STILL = (0.001**2, 0.001**2)  # m² and rad² of a step on which nothing moves
+LOST = (100.0**2, np.pi**2)  # m² and rad² of a step from one drive to the next, of which nothing is known
 
 
 @dataclass(frozen=True)
@@ -74,13 +76,16 @@ class Drift:
     Attributes:
         trajectory: (S, 3).
         steps: (S - 1, 2) variances of each step, m² and rad².
+
+    ``cuts`` (C,) are the poses that begin a drive of which it is not known where.
     """
 
-    def __init__(self, trajectory: Floats) -> None:
+    def __init__(self, trajectory: Floats, cuts: Sequence[int] | NDArray[np.int64] = ()) -> None:
         moves = between(trajectory[:-1], trajectory[1:])
         way, turn = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
         self.trajectory = trajectory
         self.steps = np.column_stack([STILL[0] + MOVE * way, STILL[1] + HEADING * way + TURN * turn])
+        self.steps[np.asarray(cuts, dtype=np.int64) - 1] = LOST
         ends = trajectory[1:, :2]
         move, heading = self.steps.T
         self._move, self._heading = _sums(move), _sums(heading)

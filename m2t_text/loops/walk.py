@@ -110,7 +110,7 @@ class _Places:
     another dataset the first scan of a map, as an index knows no other."""
 
     def __init__(self, drive: str, whole: Survey, index: MapIndex | None) -> None:
-        self.drifts = {drive: Drift(whole.trajectory)}
+        self.drifts = {drive: Drift(whole.trajectory, whole.cuts)}
         self.maps: dict[str, list[str]] = {}
         self._drive = drive
         self._whole = whole

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from m2t_text.geometry import between, wrap
 Floats = NDArray[np.float64]
 
 STILL = (0.05, np.radians(2.0))  # m and rad; scan matching finds small motion even where there is none
-LEAP = 20.0  # m between two scans that are no drive; nothing that is seen from both ends is compared
+LEAP = 20.0  # m between two scans that are no drive, whatever a log says of it
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,22 @@ class Survey:
         points: (P, 2) hits of all scans within the range limit, robot frame, metres.
         starts: (S + 1,) the hits of scan i are ``points[starts[i]:starts[i + 1]]``.
         trajectory: (S, 3) robot poses in one frame, from odometry and scan matching.
+        cuts: (C,) scans at which a new drive begins, in ascending order. Nothing is known of the way there.
     """
 
     points: Floats
     starts: NDArray[np.int64]
     trajectory: Floats
+    cuts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    @cached_property
+    def drive_ends(self) -> NDArray[np.int64]:
+        """(S,) the last scan of each scan's drive; a leap ends a drive, too."""
+        scans = len(self.trajectory)
+        leaps = np.flatnonzero(np.hypot(*np.diff(self.trajectory[:, :2], axis=0).T) > LEAP) + 1
+        begins = np.union1d(self.cuts, leaps).astype(np.int64)
+        ends = np.append(begins - 1, scans - 1)
+        return ends[np.searchsorted(begins, np.arange(scans), side="right")]
 
     @cached_property
     def way(self) -> Floats:
@@ -84,25 +95,23 @@ def _apart(a: Floats, b: Floats) -> float:
 
 
 def run_starts(survey: Survey, run_length: float, spacing: float = 0.0) -> NDArray[np.int64]:
-    """Indices of the scans after which the robot travelled at least ``run_length`` metres, without a leap.
+    """Indices of the scans after which the robot travelled at least ``run_length`` metres on the same drive.
 
     Those less than ``spacing`` metres of travel after the one before are left out.
     """
     way = survey.way
-    complete = np.flatnonzero(way[-1:] - way >= run_length)
-    steady = way[_run_ends(way, complete, run_length)] - way[complete] <= run_length + LEAP
     starts, after = [], 0.0
-    for scan in complete[steady]:
+    for scan in np.flatnonzero(way[survey.drive_ends] - way >= run_length):
         if way[scan] >= after:
             starts.append(scan)
             after = way[scan] + spacing
     return np.array(starts, dtype=np.int64)
 
 
-def _run_ends(way: Floats, starts: NDArray[np.int64], run_length: float) -> NDArray[np.int64]:
-    """The scans that complete the runs, or the last one."""
-    ends = np.searchsorted(way, way[starts] + run_length)
-    return np.maximum(starts, np.minimum(ends, len(way) - 1))
+def _run_ends(survey: Survey, starts: NDArray[np.int64], run_length: float) -> NDArray[np.int64]:
+    """The scans that complete the runs, or the last ones of their drives."""
+    ends = np.searchsorted(survey.way, survey.way[starts] + run_length)
+    return np.minimum(ends, survey.drive_ends[starts])
 
 
 def local_maps(
@@ -110,13 +119,12 @@ def local_maps(
 ) -> Iterator[LocalMap]:
     """The local maps that begin at the scans ``starts``; without it, one for every complete run.
 
-    A run ends with the scan that completes its length, as one cut short would move the viewpoint; but before
-    a leap.
+    A run ends with the scan that completes its length, as one cut short would move the viewpoint; but with its
+    drive at the latest.
     """
     way, length = survey.way, parameters.run_length
     starts = run_starts(survey, length) if starts is None else starts
-    for first, end in zip(starts, _run_ends(way, starts, length), strict=True):
-        last = int(end) - int(way[end] - way[first] > length + LEAP)
+    for first, last in zip(starts, _run_ends(survey, starts, length), strict=True):
         run = first + np.flatnonzero(survey.moved[first : last + 1])
         if not len(run) or run[0] != first:
             run = np.concatenate([[first], run])

@@ -48,7 +48,7 @@ def survey(log: Log, parameters: MappingParameters, progress: Progress | None = 
         poses.append(pose)
         if progress:
             progress(len(poses), len(log.scans))
-    return Survey(*hits(log, parameters.range_limit), np.array(poses).reshape(-1, 3))
+    return Survey(*hits(log, parameters.range_limit), np.array(poses).reshape(-1, 3), log.cuts)
 
 
 def hits(log: Log, range_limit: float) -> tuple[Floats, NDArray[np.int64]]:
@@ -66,7 +66,10 @@ def scan_points(scan: Scan, laser_pose: Floats, range_limit: float) -> Floats:
 
 
 def refined_poses(log: Log) -> Iterator[Floats]:
-    """The robot's pose (3,) at each scan, in the frame of the first scan; matched as they are asked for."""
+    """The robot's pose (3,) at each scan, in the frame of the first scan; matched as they are asked for.
+
+    A new drive begins where the one before ends, as nothing is known of the way there, and matches none of it.
+    """
     odometry = log.odometry
     way = travel(odometry)
     poses: list[Floats] = []
@@ -74,8 +77,10 @@ def refined_poses(log: Log) -> Iterator[Floats]:
     keys: list[int] = []
     for i, scan in enumerate(log.scans):
         cloud = _cloud(scan, log.laser_pose)
-        pose = np.zeros(3)
-        if i > 0:
+        pose = poses[-1] if poses else np.zeros(3)
+        if i > 0 and scan.drive != log.scans[i - 1].drive:
+            keys.clear()
+        elif i > 0:
             motion = between(odometry[i - 1], odometry[i])
             predicted = compose(poses[-1], motion)
             reference = [clouds[k].seen_from(poses[k], predicted) for k in _recent(keys, way, i)]

@@ -32,7 +32,7 @@ def local_map_at(log: Log, scan: int, parameters: MappingParameters) -> LocalMap
     window = replace(log, scans=log.scans[begin:], ground_truth=None)
     trajectory = _until(window, scan - begin, parameters.run_length)
     window = replace(window, scans=window.scans[: len(trajectory)])
-    survey = Survey(*hits(window, parameters.range_limit), trajectory)
+    survey = Survey(*hits(window, parameters.range_limit), trajectory, window.cuts)
     (found,) = local_maps(survey, parameters, np.array([scan - begin]))
     return replace(
         found,

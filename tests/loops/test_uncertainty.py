@@ -69,3 +69,11 @@ def test_distance_and_reach():
     other = exact(np.array([[0.6, 0.0, 0.1]]))
     assert one.distance(other) == pytest.approx([0.36 / 0.04 + 0.01 / 0.01])
     assert one.reach == pytest.approx([0.2])
+
+
+def test_nothing_is_known_across_a_cut() -> None:
+    poses = np.stack([np.arange(6.0), np.zeros(6), np.zeros(6)], axis=1)
+    whole, cut = Drift(poses), Drift(poses, [3])
+    assert cut.relative(0, 2).covariance == pytest.approx(whole.relative(0, 2).covariance)
+    assert cut.relative(3, 5).covariance == pytest.approx(whole.relative(3, 5).covariance)
+    assert cut.relative(0, 5).reach > 100.0 > whole.relative(0, 5).reach

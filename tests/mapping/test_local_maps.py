@@ -1,11 +1,14 @@
 """Local maps: which scans they hold, which cells they occupy; and the trajectory on real logs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from m2t_text.config import PROFILES, MappingParameters
 from m2t_text.geometry import between, compose, inverse, transform, travel
 from m2t_text.logs import read_log
+from m2t_text.logs.simulator import Simulation, simulate
 from m2t_text.mapping.local_map import Survey, local_maps, occupied, run_starts
 from m2t_text.mapping.trajectory import refined_poses
 from m2t_text.pipeline import describe, view_text
@@ -40,6 +43,30 @@ def test_a_robot_that_stands_still_adds_nothing():
     survey = survey_along(poses, np.array([[1.0, 2.0]]))
     first = next(iter(local_maps(survey, MappingParameters(run_length=3.0))))
     assert len(first.trajectory) == 4 and first.last_scan == 503
+
+
+def test_no_run_spans_two_drives_or_a_leap():
+    poses = line(12, 1.0)
+    points = np.array([[4.05, 2.05]])
+    parameters = MappingParameters(run_length=3.0)
+    cut = replace(survey_along(poses, points), cuts=np.array([5]))
+    assert run_starts(cut, 3.0).tolist() == [0, 1, 5, 6, 7, 8]
+    assert [m.last_scan for m in local_maps(cut, parameters)] == [3, 4, 8, 9, 10, 11]
+    # A run that is asked for at the end of a drive ends with it.
+    assert [m.last_scan for m in local_maps(cut, parameters, np.array([3, 4]))] == [4, 4]
+    poses[5:, 0] += 50.0
+    assert run_starts(survey_along(poses, points), 3.0).tolist() == [0, 1, 5, 6, 7, 8]
+
+
+def test_a_new_drive_begins_where_the_last_one_ends_and_matches_nothing_of_it():
+    drive = simulate(Simulation(travel=8.0))
+    half = len(drive.scans) // 2
+    later = tuple(replace(scan, drive=1) for scan in drive.scans[half:])
+    apart = replace(drive, scans=drive.scans[:half] + later)
+    poses = np.array(list(refined_poses(apart)))
+    alone = np.array(list(refined_poses(replace(drive, scans=later))))
+    assert apart.cuts.tolist() == [half] and poses[half].tolist() == poses[half - 1].tolist()
+    assert between(poses[half], poses[half:]) == pytest.approx(alone, abs=1e-9)
 
 
 def test_cells_hold_the_mean_of_their_hits():

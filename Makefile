@@ -25,7 +25,7 @@ bench: $(VENV)/.installed-bench
 
 # make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
 loops: $(VENV)/.installed-test
-	$(BIN)/python -m m2t_text.loops.evaluate $(LOGS)
+	$(BIN)/m2t-text evaluate-loops $(LOGS)
 
 lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .

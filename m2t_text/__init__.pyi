@@ -1,22 +1,22 @@
 # What the package offers under its own name; `__init__.py` loads each from here when it is first used.
 
-from .answers import Answer, SearchOptions, search
 from .config import PROFILES, Parameters
 from .description.document import Document
 from .description.text import Text, parse
 from .errors import FetchError, LogError, M2TError, MapIndexError, QueryError, SourceError, TextError
-from .fetching import LOGS, fetch
-from .finding import Finding, Found, find, verify_hits
+from .index.map_index import MapIndex, open_index
+from .index.merging import indexes_in, merge
 from .index.results import DatasetSummary, Hit, IndexInfo
-from .index.store import MapIndex, open_index
-from .keeping import indexes_in, merge
 from .logs import read_log
 from .logs.log import Log, Scan, Topics
+from .logs.public import LOGS, fetch
 from .logs.simulator import Simulation, simulate, write_carmen
 from .pipeline import describe_at, describe_log
-from .queries import Query
-from .sources import LogSource, SourceOptions, open_source
-from .verification import Alignment, align, relative_pose
+from .recognition.answer import Answer, SearchOptions, search
+from .recognition.finding import Finding, Found, find, verify_hits
+from .recognition.queries import Query
+from .recognition.verification import Alignment, align, relative_pose
+from .sources.opening import LogSource, SourceOptions, open_source
 
 __version__: str
 __all__ = [

@@ -11,14 +11,14 @@ from m2t_text.description.document import Document
 from m2t_text.description.polestar import polestar_words
 from m2t_text.description.text import Text
 from m2t_text.description.viewpoint import plan_viewpoint
-from m2t_text.geometry import inverse, transform
 from m2t_text.logs.log import Log
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
+from m2t_text.mapping.single_run import local_map_at
 from m2t_text.mapping.trajectory import survey
-from m2t_text.mapping.window import local_map_at
-from m2t_text.workers import mapped
+from m2t_text.util.geometry import inverse, transform
+from m2t_text.util.types import StageProgress
+from m2t_text.util.workers import mapped
 
-Progress = Callable[[str, int, int], None]  # stage, done, all
 Maps = Callable[[NDArray[np.int64]], Iterable[LocalMap]]  # those of some numbers; it goes to other processes
 
 CHUNK = 64  # maps described between two steps of a progress bar
@@ -56,7 +56,7 @@ def view_text(points: NDArray[np.float64], parameters: DescriptionParameters, ce
 
 
 def describe_log(
-    log: Log, parameters: Parameters, jobs: int = 1, progress: Progress | None = None
+    log: Log, parameters: Parameters, jobs: int = 1, progress: StageProgress | None = None
 ) -> Iterator[Document]:
     """The documents of all local maps of a log, in the order of their first scans; see `describe_survey`.
 
@@ -78,7 +78,7 @@ def describe_survey(
     dataset: str,
     parameters: Parameters,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
     spacing: float = 0.0,
 ) -> Iterator[Document]:
     """The documents of all local maps of a survey, in the order of their first scans.
@@ -97,7 +97,7 @@ def describe_all(
     dataset: str,
     parameters: Parameters,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Iterator[Document]:
     """The documents of all local maps that ``maps`` makes of the ``numbers``, in their order.
 
@@ -127,7 +127,7 @@ def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
 
 
 def _silent(stage: str, done: int, of: int) -> None:
-    """Progress that nobody watches."""
+    """StageProgress that nobody watches."""
 
 
 def _describer(

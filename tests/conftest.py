@@ -40,7 +40,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an index of that drive; not to be changed."""
-    from m2t_text.indexing import Request, index_sources
+    from m2t_text.sources.indexing import Request, index_sources
 
     path = tmp_path_factory.mktemp("indexes") / "drive"
     index_sources(Request([simulated], path))

@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent / "index"))
+sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 
 import crashes
 import flips
 import hostile
 import readers
+from crashes import BEFORE, WHOLE
 from states import built, copied
-from test_crashes import BEFORE, WHOLE
 
 from m2t_text.cli.console import note, print_table
 

@@ -12,19 +12,19 @@ from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
 from m2t_text.description.text import parse
 from m2t_text.errors import CloudError, LogError, QueryError
-from m2t_text.finding import Finding, find
-from m2t_text.geometry import compose, wrap
-from m2t_text.index.store import MapIndex
+from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, Scan, read_log
 from m2t_text.logs.carmen import half_circle
 from m2t_text.logs.raycast import cast
 from m2t_text.logs.simulator import write_carmen
 from m2t_text.mapping.normals import cloud_normals
 from m2t_text.pipeline import describe_at, describe_log
-from m2t_text.queries import Context, Query, resolve
-from m2t_text.sources import LogSource, open_source
-from m2t_text.symmetry import rivals
-from m2t_text.verification import Shape
+from m2t_text.recognition.finding import Finding, find
+from m2t_text.recognition.queries import Context, Query, resolve
+from m2t_text.recognition.symmetry import rivals
+from m2t_text.recognition.verification import Shape
+from m2t_text.sources.opening import LogSource, open_source
+from m2t_text.util.geometry import compose, wrap
 
 PARAMETERS = PROFILES["default"]
 BEAMS = half_circle(180)

@@ -9,12 +9,12 @@ from likeness import alike
 
 from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
-from m2t_text.geometry import travel
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.log import Scan
 from m2t_text.mapping.local_map import Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe, describe_at, describe_log
+from m2t_text.util.geometry import travel
 
 DEFAULT = PROFILES["default"]
 RUN = DEFAULT.mapping.run_length
@@ -88,7 +88,7 @@ def test_a_robot_that_stands_or_turns_on_the_spot_for_long(
     turn: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It does so before a run, and again in it; nothing but the run and a little before is matched."""
-    monkeypatch.setattr("m2t_text.mapping.window.SCANS_BEFORE", 50)
+    monkeypatch.setattr("m2t_text.mapping.single_run.SCANS_BEFORE", 50)
     angles = turn * np.arange(100)
     angles = np.concatenate([angles, angles[::-1]])  # back to where it looked
     still = np.column_stack([np.zeros((200, 2)), angles])

@@ -5,13 +5,16 @@ from typing import Annotated
 import typer
 
 from m2t_text import __version__
-from m2t_text.cli.checking import check
-from m2t_text.cli.finding import info, inspect, search
-from m2t_text.cli.judging import evaluate
-from m2t_text.cli.keeping import fetch, merge, optimize, remove
-from m2t_text.cli.looping import loops
-from m2t_text.cli.making import demo, index, simulate
-from m2t_text.cli.map_judging import evaluate_map
+from m2t_text.cli.check import check
+from m2t_text.cli.evaluate import evaluate
+from m2t_text.cli.evaluate_loops import evaluate_loops
+from m2t_text.cli.evaluate_map import evaluate_map
+from m2t_text.cli.index import demo, index, simulate
+from m2t_text.cli.info import info
+from m2t_text.cli.inspect import inspect
+from m2t_text.cli.loops import loops
+from m2t_text.cli.maintain import fetch, merge, optimize, remove
+from m2t_text.cli.search import search
 
 app = typer.Typer(
     name="m2t-text",
@@ -29,6 +32,7 @@ COMMANDS = (
     info,
     loops,
     evaluate,
+    evaluate_loops,
     evaluate_map,
     check,
     merge,

@@ -9,12 +9,12 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from m2t_text.errors import clean
+from m2t_text.util.types import SourceProgress
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from m2t_text.index.results import IndexInfo
-    from m2t_text.indexing import Progress
 
 WIDE = 160  # columns of a table that no terminal shows
 STAGES = {"scans": "matching scans", "views": "looking around", "maps": "describing maps"}
@@ -65,8 +65,8 @@ def print_lines(*lines: str) -> None:
 
 
 @contextmanager
-def bars() -> Iterator["Progress"]:
-    """Progress bars on standard error, if it is a terminal: call it with (what, stage, done, all).
+def bars() -> Iterator["SourceProgress"]:
+    """SourceProgress bars on standard error, if it is a terminal: call it with (what, stage, done, all).
 
     They are drawn when told to, without a thread of their own: processes are forked while they show.
     """

@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from m2t_text.clouds.cloud import Cloud, to_cloud
-from m2t_text.clouds.parts import Floats, Progress, WatchedFile
+from m2t_text.clouds.parts import WatchedFile
 from m2t_text.clouds.pcd import read_pcd
 from m2t_text.clouds.ply import read_ply
 from m2t_text.clouds.tables import read_lines, read_npy
 from m2t_text.errors import CloudError, PartError, clean
-from m2t_text.files import opened, shown
-from m2t_text.names import checked_name, dataset_name
+from m2t_text.util.files import opened, shown
+from m2t_text.util.names import checked_name, dataset_name
+from m2t_text.util.types import Floats, Progress
 
 __all__ = ["READERS", "Cloud", "read_cloud"]
 

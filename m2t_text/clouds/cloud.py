@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from m2t_text.errors import CloudError, PartError
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.mapping.registration import CELL, HALF
-
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 LIMIT = 1e9  # m; beyond it a number is damage
 WIDEST = 1000.0  # m; a map is of one place, and hardly a building is wider

@@ -4,7 +4,7 @@ Nothing is allocated that a file merely claims to hold.
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BufferedReader, FileIO
 from itertools import chain, islice
@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.errors import PartError
-
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats, Progress
 
 AXES = ("x", "y", "z")
 LINE_LIMIT, LINES_LIMIT = 4096, 1000  # bytes and lines; no honest header has longer ones or more
 DIGITS = 18  # of a count
 STEP = 4096  # lines between two calls of progress
-
-Progress = Callable[[int, int], None]
 
 
 class WatchedFile(BufferedReader):

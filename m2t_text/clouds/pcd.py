@@ -9,8 +9,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from m2t_text.clouds.parts import AXES, Field, Floats, count_of, doubles, header, left, records, rows
+from m2t_text.clouds.parts import AXES, Field, count_of, doubles, header, left, records, rows
 from m2t_text.errors import PartError
+from m2t_text.util.types import Floats
 
 CODES = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
 EXPANSION = 100  # LZF turns three bytes into 264 at the most

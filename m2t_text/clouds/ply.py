@@ -5,8 +5,9 @@ An own reader: plyfile is under the GPL, which this project is not.
 
 from typing import BinaryIO
 
-from m2t_text.clouds.parts import AXES, Field, Floats, count_of, header, records, rows
+from m2t_text.clouds.parts import AXES, Field, count_of, header, records, rows
 from m2t_text.errors import PartError
+from m2t_text.util.types import Floats
 
 CODES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

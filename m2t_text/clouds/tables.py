@@ -6,8 +6,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from m2t_text.clouds.parts import AXES, LINE_LIMIT, Floats, doubles, left, table
+from m2t_text.clouds.parts import AXES, LINE_LIMIT, doubles, left, table
 from m2t_text.errors import PartError
+from m2t_text.util.types import Floats
 
 COMMENTS = ("#", "//")
 LISTED = 80  # characters of the column names that are told

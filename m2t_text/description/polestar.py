@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 
 @njit(cache=True, nogil=True)

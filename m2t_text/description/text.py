@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.errors import TextError
-from m2t_text.geometry import transform
+from m2t_text.util.geometry import transform
 
 WORDS = 1024  # size of the appearance vocabulary, K = 2^D with D = 10 rings (paper, III-B)
 POSES = range(-32768, 32768)  # of the pose words, in cells: what an int16 holds; a quarter turn keeps it

@@ -2,11 +2,9 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from m2t_text.geometry import wrap
-
-Floats = NDArray[np.float64]
+from m2t_text.util.geometry import wrap
+from m2t_text.util.types import Floats
 
 BIN = 0.1  # m; width of a bin of the projections
 COARSE, FINE = 45, 16  # directions tried over a quarter turn, then between the neighbours of the best

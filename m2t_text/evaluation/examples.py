@@ -6,9 +6,9 @@ import numpy as np
 
 from m2t_text.description.text import Text
 from m2t_text.evaluation.judging import METHODS, Judgement
-from m2t_text.evaluation.metrics import Floats
 from m2t_text.evaluation.protocol import RIGHT, GroundTruth
-from m2t_text.index.store import MapIndex
+from m2t_text.index.map_index import MapIndex
+from m2t_text.util.types import Floats
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.evaluation.metrics import Floats, best, normalised_ranks, pose_error
+from m2t_text.evaluation.metrics import best, normalised_ranks, pose_error
 from m2t_text.evaluation.protocol import APART, RIGHT, GroundTruth
-from m2t_text.finding import find
-from m2t_text.geometry import between
-from m2t_text.index.store import MapIndex
-from m2t_text.index.weighting import Method
-from m2t_text.queries import Query
-from m2t_text.workers import mapped
+from m2t_text.index.map_index import MapIndex
+from m2t_text.index.search.weighting import Method
+from m2t_text.recognition.finding import find
+from m2t_text.recognition.queries import Query
+from m2t_text.util.geometry import between
+from m2t_text.util.types import Floats
+from m2t_text.util.workers import mapped
 
 METHODS: tuple[Method, ...] = ("bow", "m2t")  # the paper's two, which rank by the text alone
 

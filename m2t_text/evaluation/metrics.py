@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.geometry import wrap
+from m2t_text.util.geometry import wrap
+from m2t_text.util.types import Floats
 
-Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 

@@ -11,7 +11,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from m2t_text.drawing import (
+from m2t_text.evaluation.examples import Pair
+from m2t_text.evaluation.judging import column
+from m2t_text.evaluation.run import Evaluated, Evaluation
+from m2t_text.plotting.canvas import (
     FIRST,
     HIT,
     INK,
@@ -27,10 +30,7 @@ from m2t_text.drawing import (
     metres,
     walls_of,
 )
-from m2t_text.evaluation.examples import Pair
-from m2t_text.evaluation.judging import column
-from m2t_text.evaluation.run import Evaluated, Evaluation
-from m2t_text.plots import save, short
+from m2t_text.plotting.pictures import save, short
 
 ANYWHERE = 1 << 14  # cells; no keypoint lies farther from another: a bag of words
 RANK = ListedColormap(colormaps["turbo"](np.linspace(0.12, 0.92, 256)))  # its ends are both dark

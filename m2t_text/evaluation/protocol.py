@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.document import Document
-from m2t_text.evaluation.metrics import Booleans, Floats
-from m2t_text.geometry import transform
+from m2t_text.evaluation.metrics import Booleans
+from m2t_text.util.geometry import transform
+from m2t_text.util.types import Floats
 
 NEAR = 1.0  # m between the places of maps that are relevant to each other
 APART = 10.0  # m of travel between them at least, so that they belong to different visits

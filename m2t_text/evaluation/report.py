@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from m2t_text.evaluation.judging import METHODS, Judgement, column
-from m2t_text.evaluation.metrics import Floats, median, recall, verdicts
+from m2t_text.evaluation.metrics import median, recall, verdicts
 from m2t_text.evaluation.protocol import LIMITS, RIGHT
 from m2t_text.evaluation.run import Evaluated, Evaluation
+from m2t_text.util.types import Floats
 
 # ANR of BoW and M2T in percent (paper, Table I), by what the name of the log begins with.
 PUBLISHED = {

@@ -14,11 +14,11 @@ from m2t_text.errors import LogError
 from m2t_text.evaluation.examples import Pair, examples
 from m2t_text.evaluation.judging import Judgement, judge_all
 from m2t_text.evaluation.protocol import APART, NEAR, GroundTruth, draw
-from m2t_text.index.store import MapIndex
-from m2t_text.indexing import Progress
+from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
 from m2t_text.pipeline import describe_log
-from m2t_text.sources import dataset_names, open_log
+from m2t_text.sources.opening import dataset_names, open_log
+from m2t_text.util.types import SourceProgress
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Evaluation:
     datasets: list[Evaluated]
 
 
-def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
+def evaluate(request: Request, progress: SourceProgress | None = None) -> Evaluation:
     """Evaluates each log by itself. Nothing is left on disk, and the same request gives the same figures.
 
     Raises:
@@ -87,7 +87,7 @@ class _Prepared:
     queries: NDArray[np.int64]
 
 
-def read_with_truth(path: Path, name: str, tell: Progress) -> Log:
+def read_with_truth(path: Path, name: str, tell: SourceProgress) -> Log:
     """The log of a file. Raises SourceError if it cannot be read, LogError if it has no ground truth."""
     log = open_log(path, progress=partial(tell, name, "reading"))
     if log.ground_truth is None:
@@ -113,7 +113,7 @@ def _prepared(
     return _Prepared(log, index, truth, draw(queries, request.queries, request.seed))
 
 
-def _evaluated(one: _Prepared, jobs: int, tell: Progress) -> Evaluated:
+def _evaluated(one: _Prepared, jobs: int, tell: SourceProgress) -> Evaluated:
     judging = partial(tell, one.log.name, "judging queries")
     judgements = judge_all(one.index.path, one.truth, one.queries, jobs, judging)
     travel = one.index.datasets()[0].travel

@@ -20,7 +20,8 @@ from whoosh.reading import TermInfo, TermNotFound
 from m2t_text.description.document import map_id_of
 from m2t_text.errors import DamageError
 from m2t_text.index.schema import schema_columns
-from m2t_text.index.storage import MapStorage, SegmentFile, fingerprint
+from m2t_text.index.storage.directory import MapStorage, fingerprint
+from m2t_text.index.storage.segment_file import SegmentFile
 
 Term = tuple[str, bytes]
 

@@ -10,8 +10,8 @@ from whoosh.columns import Column, ColumnReader, ColumnWriter
 
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, SourceError
-from m2t_text.index.texts import MOST, RUN, Texts, pack
-from m2t_text.names import checked_name
+from m2t_text.index.kernels.packed import MOST, RUN, Texts, pack
+from m2t_text.util.names import checked_name
 
 HEADER = np.dtype([("maps", "<u8"), ("keypoints", "<u8"), ("runs", "<u8"), ("wide", "<u8")])
 COUNTS = np.dtype("<u4")

@@ -9,12 +9,11 @@ from whoosh.fields import ID, FieldType, Schema
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
 
-from m2t_text.config import Parameters
+from m2t_text.config import Parameters, from_json, to_json
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import DamageError, TextError
 from m2t_text.index.column import ArrayColumn, KeypointColumn, NameColumn
-from m2t_text.index.parameters import from_json, to_json
 
 FORMAT_VERSION = 3
 RECORD: list[Any] = [
@@ -83,7 +82,7 @@ class TextField(PlainField):
 
     def parse_query(self, fieldname: str, qstring: str, boost: float = 1.0) -> Query:
         """The maps with this token or a neighbour of it, in their own frame: not turned."""
-        from m2t_text.index.query import MapQuery  # the kernel is slow to import, and only searching needs it
+        from m2t_text.index.search.query import MapQuery  # compiled code, slow to import
 
         try:
             return MapQuery(parse(qstring), fieldname, turns=(0,), boost=boost)
@@ -119,7 +118,7 @@ class NumberField(PlainField):
         endexcl: bool,
         boost: float = 1.0,
     ) -> Query:
-        from m2t_text.index.query import NumberRange
+        from m2t_text.index.search.query import NumberRange
 
         try:
             first, last = (None if bound is None else float(bound) for bound in (start, end))

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from m2t_text.logs.log import Log, Scan, Topics
-from m2t_text.names import checked_name, dataset_name, is_bag
+from m2t_text.util.names import is_bag
 
-__all__ = ["Log", "Scan", "Topics", "checked_name", "dataset_name", "is_bag", "read_log"]
+__all__ = ["Log", "Scan", "Topics", "read_log"]
 
 
 def read_log(

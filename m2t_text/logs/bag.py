@@ -5,19 +5,16 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from m2t_text.errors import LogError, PartError, clean
-from m2t_text.files import shown
-from m2t_text.logs import checked_name, dataset_name
 from m2t_text.logs.frames import planar
-from m2t_text.logs.lines import Progress
 from m2t_text.logs.log import Log, Topics
 from m2t_text.logs.odometry import Track, interpolate
 from m2t_text.logs.recording import Recording
 from m2t_text.logs.ros import LASER, ODOMETRY, TRANSFORMS, Bag, open_bag
-
-Floats = NDArray[np.float64]
+from m2t_text.util.files import shown
+from m2t_text.util.names import checked_name, dataset_name
+from m2t_text.util.types import Floats, Progress
 
 OUTSIDE = 0.1  # s before the first odometry or after the last at which a scan is taken to be at its pose
 TILT = math.radians(20.0)  # of a laser; from there on it does not see the walls level with the floor

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
+
 Segment = tuple[float, float, float, float]
 Segments = list[Segment]
 

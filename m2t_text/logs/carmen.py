@@ -7,16 +7,14 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from m2t_text.errors import LogError, PartError
-from m2t_text.files import shown
-from m2t_text.logs import checked_name, dataset_name
-from m2t_text.logs.lines import Damage, Progress, read_lines
+from m2t_text.logs.lines import Damage, read_lines
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import Track, separate
-
-Floats = NDArray[np.float64]
+from m2t_text.util.files import shown
+from m2t_text.util.names import checked_name, dataset_name
+from m2t_text.util.types import Floats, Progress
 
 SICK_MAXIMUM = 80.0  # m; an LMS reports about 81.9 for a beam that did not return
 POSE_LIMIT = 1e6  # m and rad; beyond it a number is damage, and arithmetic on it would overflow

@@ -2,12 +2,10 @@
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from m2t_text.geometry import travel, wrap
 from m2t_text.logs.building import box
-
-Floats = NDArray[np.float64]
+from m2t_text.util.geometry import travel, wrap
+from m2t_text.util.types import Floats
 
 AHEAD = 0.4  # m; the robot steers towards the point of the tour that lies so far ahead
 WANDER = 0.2  # m; standard deviation of the drive from the tour, so that no visit repeats another exactly,

@@ -5,11 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from m2t_text.errors import PartError
-
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 STILL = 1e-4  # m, and about rad; a transform that never changes by more is a joint that does not move
 LIMIT = 1e6  # m; beyond it a number is damage, and arithmetic on it would overflow

@@ -3,19 +3,18 @@
 import gzip
 import os
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
 from m2t_text.errors import LogError
-from m2t_text.files import opened, shown
+from m2t_text.util.files import opened, shown
+from m2t_text.util.types import Progress
 
 LINE_LIMIT = 1 << 20  # bytes; the longest honest line, 361 readings and their remissions, has about 4 kB
 GIVE_UP = 1 << 26  # bytes without an end of line: no log, however long we read on
 PROGRESS_STEP = 256  # lines between two calls of progress
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass

@@ -3,11 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from m2t_text.errors import LogError
-
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 ARM = 20.0  # m; no laser sits farther from its robot, and a map would be as wide as the robot
 

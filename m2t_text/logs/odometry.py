@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.geometry import between, compose, inverse, wrap
-
-Floats = NDArray[np.float64]
+from m2t_text.util.geometry import between, compose, inverse, wrap
+from m2t_text.util.types import Floats
 
 CLOCK_SLACK = 1.0  # s; messages of several programs reach a logger out of order by less
 NEAR = 0.02  # m; a pose taken from the wheels lies as near to the polyline of the odometry lines

@@ -1,11 +1,9 @@
 """What a laser sees of a plane of walls."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from m2t_text.geometry import inverse, transform
-
-Floats = NDArray[np.float64]
+from m2t_text.util.geometry import inverse, transform
+from m2t_text.util.types import Floats
 
 ROUNDING = 1e-9  # rad; a beam at a wall's end meets it
 

@@ -13,8 +13,7 @@ from m2t_text.logs.frames import LIMIT, Frames, planar, rigid
 from m2t_text.logs.lines import Damage
 from m2t_text.logs.log import Scan
 from m2t_text.logs.ros import LASER, ODOMETRY, TRANSFORMS, Message
-
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 DECIMALS = 4  # of readings in metres and of angles in degrees; lasers tell no more
 

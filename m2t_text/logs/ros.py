@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from m2t_text.errors import LogError, PartError, clean
-from m2t_text.files import is_folder, opened, shown
-from m2t_text.logs.lines import PROGRESS_STEP, Damage, Progress
+from m2t_text.logs.lines import PROGRESS_STEP, Damage
+from m2t_text.util.files import is_folder, opened, shown
+from m2t_text.util.types import Progress
 
 LASER = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -1,29 +1,26 @@
 """A robot with a laser that drives through a simulated building, and the CARMEN log of its drive."""
 
 import gzip
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from m2t_text.errors import LogError
-from m2t_text.files import shown, written_whole
-from m2t_text.geometry import between, compose, travel
 from m2t_text.logs.building import SHORTEST, Building, build
 from m2t_text.logs.carmen import half_circle
 from m2t_text.logs.driving import drive, part_of_tour, walks
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import chain
 from m2t_text.logs.raycast import cast
-
-Floats = NDArray[np.float64]
+from m2t_text.util.files import shown, written_whole
+from m2t_text.util.geometry import between, compose, travel
+from m2t_text.util.types import Floats, Progress
 
 NO_RETURN = 81.9  # m; what a SICK LMS reports for a beam that did not return
 SPEED, TURN_RATE = 0.5, 0.6  # m/s, rad/s
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from m2t_text.errors import M2TError
-from m2t_text.files import written_whole
+from m2t_text.loops.detection import Walk
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import Edge, PoseGraph
-from m2t_text.loops.walk import Walk
+from m2t_text.util.files import written_whole
 
 
 def to_g2o(graph: PoseGraph) -> str:

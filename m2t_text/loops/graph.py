@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from m2t_text.geometry import compose, inverse
-from m2t_text.loops.uncertainty import Floats, Uncertain
-from m2t_text.loops.walk import Walk
+from m2t_text.loops.detection import Walk
+from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.util.geometry import compose, inverse
+from m2t_text.util.types import Floats
 
 
 @dataclass(frozen=True)

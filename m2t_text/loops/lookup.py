@@ -11,14 +11,15 @@ from whoosh.query import Not, Or, Query, Term
 
 from m2t_text.config import MappingParameters
 from m2t_text.description.document import Document
-from m2t_text.finding import find
-from m2t_text.geometry import inverse, transform
-from m2t_text.index.query import NumberRange
-from m2t_text.index.store import MapIndex
-from m2t_text.loops.uncertainty import Floats, Uncertain
-from m2t_text.queries import Query as Sought
-from m2t_text.verification import INLIER, Shape
-from m2t_text.workers import mapped
+from m2t_text.index.map_index import MapIndex
+from m2t_text.index.search.query import NumberRange
+from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.recognition.finding import find
+from m2t_text.recognition.queries import Query as Sought
+from m2t_text.recognition.verification import INLIER, Shape
+from m2t_text.util.geometry import inverse, transform
+from m2t_text.util.types import Floats
+from m2t_text.util.workers import mapped
 
 APART = 10.0  # m of travel between the middles of two maps of one drive, at least: another visit
 EVERY = 1.0  # m of travel from one query to the next

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from m2t_text.drawing import FIRST, HIT, INK, MATCHED, draw_walls, entitle, make_metric, mark, walls_of
+from m2t_text.loops.detection import Walk
 from m2t_text.loops.graph import PoseGraph
-from m2t_text.loops.walk import Walk
-from m2t_text.plots import save, short
+from m2t_text.plotting.canvas import FIRST, HIT, INK, MATCHED, draw_walls, entitle, make_metric, mark, walls_of
+from m2t_text.plotting.pictures import save, short
 
 
 def plot_walk(walk: Walk, graph: PoseGraph, path: Path) -> None:

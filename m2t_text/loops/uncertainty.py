@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.geometry import between, compose, inverse
-
-Floats = NDArray[np.float64]
+from m2t_text.util.geometry import between, compose, inverse
+from m2t_text.util.types import Floats
 
 # Variances of a trajectory from wheel odometry and scan matching: the most likely ones on the five logs of the
 # Radish repository, over 3 to 200 m of travel, rounded up.

@@ -10,9 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.config import MappingParameters
-from m2t_text.geometry import between, wrap
-
-Floats = NDArray[np.float64]
+from m2t_text.util.geometry import between, wrap
+from m2t_text.util.types import Floats
 
 STILL = (0.05, np.radians(2.0))  # m and rad; scan matching finds small motion even where there is none
 LEAP = 20.0  # m between two scans that are no drive, whatever a log says of it

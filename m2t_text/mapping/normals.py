@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 LINEAR = 0.6  # (l1 - l2) / (l1 + l2) of the neighbours' spread above which they are a line
 

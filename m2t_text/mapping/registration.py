@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from m2t_text.util.types import Floats
 
 CELL = 0.1  # m; side of a cell of the likelihood grid
 HALF = 220  # cells; the grid reaches 22 m to each side of the predicted pose

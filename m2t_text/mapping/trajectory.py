@@ -4,21 +4,19 @@ Every scan is registered against the few key scans before it. Only the recent pa
 stays small over the length of a local map and a robot could do the same while it drives.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.config import MappingParameters
-from m2t_text.geometry import between, compose, transform, travel, wrap
 from m2t_text.logs.log import Log, Scan
 from m2t_text.mapping.local_map import Survey
 from m2t_text.mapping.normals import normals
 from m2t_text.mapping.registration import register
-
-Floats = NDArray[np.float64]
-Progress = Callable[[int, int], None]
+from m2t_text.util.geometry import between, compose, transform, travel, wrap
+from m2t_text.util.types import Floats, Progress
 
 MATCH_RANGE = 20.0  # m; farther hits hit the beam's divergence more than the wall
 THIN = 0.05  # m; neighbouring points nearer than this are one

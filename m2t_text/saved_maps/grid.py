@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from m2t_text.geometry import inverse, transform
+from m2t_text.util.geometry import inverse, transform
+from m2t_text.util.types import Floats
 
-Floats = NDArray[np.float64]
 States = NDArray[np.int8]
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1

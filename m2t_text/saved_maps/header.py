@@ -9,8 +9,8 @@ import numpy as np
 import yaml
 
 from m2t_text.errors import MapFileError
-from m2t_text.files import opened, shown
-from m2t_text.saved_maps.grid import Floats
+from m2t_text.util.files import opened, shown
+from m2t_text.util.types import Floats
 
 Mode = Literal["trinary", "scale", "raw"]
 

@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, Floats, States
+from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, States
+from m2t_text.util.types import Floats
 
 
 class Axis(NamedTuple):

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from m2t_text.errors import MapFileError
-from m2t_text.files import opened, shown
-from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Floats, Grid, States
+from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid, States
 from m2t_text.saved_maps.header import Header, read_header
+from m2t_text.util.files import opened, shown
+from m2t_text.util.types import Floats
 
 Values = NDArray[Any]
 

@@ -5,7 +5,7 @@ a room. So places that lie densely in the free space are looked at in several wa
 each of some directions, and all around. Most of these views are nearly the same; few that differ are kept.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil, pi, radians
@@ -16,10 +16,11 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
 from m2t_text.config import MappingParameters
-from m2t_text.geometry import compose, inverse, transform
 from m2t_text.mapping.local_map import LocalMap, occupied
-from m2t_text.saved_maps.grid import FREE, OCCUPIED, Floats, Grid
+from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
 from m2t_text.saved_maps.rays import Beams, nearest_open, seen
+from m2t_text.util.geometry import compose, inverse, transform
+from m2t_text.util.types import Floats, Progress
 
 SPACING = 0.7  # m between the places
 HEADINGS = 8  # directions looked in at each place, beside all around
@@ -34,7 +35,6 @@ NEAR = 0.9  # m between the centres of gravity of two views within which one may
 CHUNK = 64  # views between two steps of a progress bar
 
 Cells = NDArray[np.int32]
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import yaml
 from PIL import Image
 
 from m2t_text.errors import MapFileError
-from m2t_text.files import shown, written_whole
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from m2t_text.saved_maps.reading import BLACK, GREY, WHITE
+from m2t_text.util.files import shown, written_whole
 
 SHADES = {FREE: WHITE, OCCUPIED: BLACK, UNKNOWN: GREY}
 

@@ -21,15 +21,15 @@ import numpy as np
 from databases import database, queries
 from engines import ENGINES
 
-from m2t_text.finding import VERIFIED, verify_hits
-from m2t_text.index.store import MapIndex
-from m2t_text.indexing import Request, index_sources
+from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import read_log
 from m2t_text.mapping.local_map import local_maps
 from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe
-from m2t_text.queries import Query
-from m2t_text.workers import cores
+from m2t_text.recognition.finding import VERIFIED, verify_hits
+from m2t_text.recognition.queries import Query
+from m2t_text.sources.indexing import Request, index_sources
+from m2t_text.util.workers import cores
 
 ROOT = Path(__file__).parents[2]
 LOGS = ROOT.parent / "shared" / "data" / "radish"

@@ -10,10 +10,10 @@ import numpy as np
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.geometry import inverse, transform
-from m2t_text.index.store import MapIndex
+from m2t_text.index.map_index import MapIndex
 from m2t_text.pipeline import view_text
-from m2t_text.workers import cores, follow_parent
+from m2t_text.util.geometry import inverse, transform
+from m2t_text.util.workers import cores, follow_parent
 
 MISSED, CLUTTER = 0.1, 0.03  # shares of a map's keypoints that are not seen again, and that are new
 JITTER = 0.03  # m; standard deviation of each point

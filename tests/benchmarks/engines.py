@@ -15,7 +15,7 @@ from whoosh.query import Or, Term
 from whoosh.scoring import Frequency
 
 from m2t_text.description.text import WORDS, Text
-from m2t_text.index.store import MapIndex
+from m2t_text.index.map_index import MapIndex
 
 TOP, WINDOW = 10, 10
 

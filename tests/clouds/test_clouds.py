@@ -16,9 +16,9 @@ from m2t_text.clouds.cloud import Cloud, occupied
 from m2t_text.config import PROFILES
 from m2t_text.errors import CloudError, M2TError
 from m2t_text.mapping.local_map import occupied as dense
-from m2t_text.names import CLOUDS
 from m2t_text.pipeline import describe
-from m2t_text.sources import SourceOptions
+from m2t_text.sources.opening import SourceOptions
+from m2t_text.util.names import CLOUDS
 
 
 def room(height: float = 0.0) -> np.ndarray:

@@ -19,7 +19,7 @@ from pathlib import Path
 from targets import TARGETS
 
 from m2t_text.cli.console import note, print_table
-from m2t_text.workers import cores
+from m2t_text.util.workers import cores
 
 RUNS = 100_000
 MEMORY = Path("/dev/shm")  # a disk would take longer to keep the inputs than the readers to read them

@@ -7,9 +7,10 @@ from zlib import crc32
 import numpy as np
 from PIL import Image
 
+from m2t_text.description.source import Source
 from m2t_text.saved_maps.reading import BLACK, GREY, WHITE
-from m2t_text.saved_maps.source import SavedMap
-from m2t_text.sources import Source, open_source
+from m2t_text.sources.opening import open_source
+from m2t_text.sources.saved_map import SavedMap
 
 RESOLUTION = 0.2  # m
 HEADER = f"image: map.image\nresolution: {RESOLUTION}\norigin: [-1.5, 2, 0.1]\n"

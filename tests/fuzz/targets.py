@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "clouds"), str(TESTS / "index")]
+sys.path[:0] = [str(TESTS / "helpers"), str(TESTS / "clouds")]
 
 import map_files  # noqa: E402
 from bags import small_bags  # noqa: E402
@@ -22,13 +22,13 @@ from test_clouds import POINTS, WRITERS  # noqa: E402
 from m2t_text.config import PROFILES  # noqa: E402
 from m2t_text.description.text import parse  # noqa: E402
 from m2t_text.errors import M2TError  # noqa: E402
-from m2t_text.finding import find  # noqa: E402
-from m2t_text.index.checking import check_index  # noqa: E402
-from m2t_text.index.contents import DIGEST, SEAL  # noqa: E402
-from m2t_text.index.store import MapIndex  # noqa: E402
+from m2t_text.index.integrity.check import check_index  # noqa: E402
+from m2t_text.index.map_index import MapIndex  # noqa: E402
+from m2t_text.index.writing.toc import DIGEST, SEAL  # noqa: E402
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen  # noqa: E402
-from m2t_text.queries import Context, resolve  # noqa: E402
-from m2t_text.sources import Source, open_source  # noqa: E402
+from m2t_text.recognition.finding import find  # noqa: E402
+from m2t_text.recognition.queries import Context, resolve  # noqa: E402
+from m2t_text.sources.opening import Source, open_source  # noqa: E402
 
 PARAMETERS = PROFILES["default"]
 STATE = {"a": 5, "b": 11}  # of the index that is searched, and damaged

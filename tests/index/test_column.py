@@ -10,7 +10,7 @@ from whoosh.filedb.filestore import RamStorage
 from m2t_text.description.text import Text
 from m2t_text.errors import MapIndexError
 from m2t_text.index.column import KeypointColumn
-from m2t_text.index.texts import Texts, pack_words, unpack_words
+from m2t_text.index.kernels.packed import Texts, pack_words, unpack_words
 
 narrow = st.integers(-130, 130)
 any_cell = st.integers(-32767, 32767) | st.sampled_from([-32767, -129, -128, -1, 0, 127, 128, 32767])

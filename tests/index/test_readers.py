@@ -15,8 +15,9 @@ import readers
 from states import built, changes, contents, expected, maps
 
 from m2t_text.errors import MapIndexError
-from m2t_text.index import locking, store
-from m2t_text.index.store import MapIndex
+from m2t_text.index import map_index
+from m2t_text.index.map_index import MapIndex
+from m2t_text.index.writing import lock
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
@@ -60,13 +61,13 @@ def test_a_second_writer_says_that_it_waits_for_the_first(tmp_path: Path) -> Non
 
     said = logging.Handler()
     said.emit = lambda record: waits.set() if "waiting up to" in record.msg else None  # type: ignore[method-assign]
-    locking.log.addHandler(said)
+    lock.log.addHandler(said)
     first = Thread(target=hold)
     first.start()
     begun.wait()
     MapIndex.open(index.path).replace("c", maps(5, "c"))
     first.join()
-    locking.log.removeHandler(said)
+    lock.log.removeHandler(said)
     assert waits.is_set() and contents(index) == expected({"a": 3, "b": 4, "c": 5})
 
 
@@ -81,12 +82,12 @@ def test_a_writer_that_died_blocks_nobody(tmp_path: Path) -> None:
     assert children.status(children.start(die)) == -signal.SIGKILL
     begin = time.monotonic()
     index.replace("b", maps(4, "b"))
-    assert time.monotonic() - begin < store.LOCK_SECONDS / 2
+    assert time.monotonic() - begin < map_index.LOCK_SECONDS / 2
     assert contents(index) == expected({"a": 3, "b": 4})
 
 
 def test_a_second_writer_gives_up_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store, "LOCK_SECONDS", 0.2)
+    monkeypatch.setattr(map_index, "LOCK_SECONDS", 0.2)
     index = built(tmp_path / "index", {"a": 3})
     with index.writer():
         begin = time.monotonic()

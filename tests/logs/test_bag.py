@@ -17,10 +17,11 @@ from soundness import assert_sound_or_refused, at_most
 
 from m2t_text.config import PROFILES
 from m2t_text.errors import LogError
-from m2t_text.geometry import compose
-from m2t_text.logs import Log, Topics, dataset_name, read_log
+from m2t_text.logs import Log, Topics, read_log
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
+from m2t_text.util.geometry import compose
+from m2t_text.util.names import dataset_name
 
 ROS1, ROS2 = Messages(1), Messages(2)
 STATIC = Sent(0.0, "/tf_static", ROS2.transforms(0.0, ("base_link", "laser", (0.1, 0.0, 0.3), LEVEL)))

@@ -6,7 +6,7 @@ import pytest
 
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen
-from m2t_text.loops.walk import Walk, walk
+from m2t_text.loops.detection import Walk, walk
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,11 @@ import pytest
 
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.geometry import between, compose
 from m2t_text.loops.gate import Gate, Loop
 from m2t_text.loops.lookup import Candidate
-from m2t_text.loops.uncertainty import Drift, Floats, Uncertain
+from m2t_text.loops.uncertainty import Drift, Uncertain
+from m2t_text.util.geometry import between, compose
+from m2t_text.util.types import Floats
 
 STRAIGHT = np.column_stack([np.arange(0.0, 301.0), np.zeros((301, 2))])
 # Out and back on one line, a scan a metre: at scan k the robot is where it was at scan 600 - k.

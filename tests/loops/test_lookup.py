@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from m2t_text.config import MappingParameters
-from m2t_text.geometry import compose, inverse, transform
 from m2t_text.loops.lookup import EVERY, REMAINDER, alignment_covariance
 from m2t_text.mapping.normals import cloud_normals
-from m2t_text.verification import NORMAL_REACH, Shape
+from m2t_text.recognition.verification import NORMAL_REACH, Shape
+from m2t_text.util.geometry import compose, inverse, transform
 
 MAPPING = MappingParameters()
 

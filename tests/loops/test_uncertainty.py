@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from m2t_text.geometry import between, compose, inverse
 from m2t_text.loops.uncertainty import HEADING, MOVE, STILL, TURN, Drift, Uncertain, adjoint, exact
+from m2t_text.util.geometry import between, compose, inverse
 
 RNG = np.random.default_rng(4)
 WINDING = np.cumsum(RNG.normal([0.4, 0.1, 0.0], [0.2, 0.3, 0.5], (40, 3)), axis=0)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from m2t_text.config import PROFILES, MappingParameters
-from m2t_text.geometry import between, compose, inverse, transform, travel
 from m2t_text.logs import read_log
 from m2t_text.logs.simulator import Simulation, simulate
 from m2t_text.mapping.local_map import Survey, local_maps, occupied, run_starts
 from m2t_text.mapping.trajectory import refined_poses
 from m2t_text.pipeline import describe, view_text
+from m2t_text.util.geometry import between, compose, inverse, transform, travel
 
 LOGS = {"freiburg-101": 0.10, "intel": 0.12, "csail": 0.12, "aces": 0.13}  # m, 90th percentile over 3 m
 

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from m2t_text.geometry import inverse, transform
 from m2t_text.mapping.normals import cloud_normals, normals
 from m2t_text.mapping.registration import register, within
+from m2t_text.util.geometry import inverse, transform
 
 
 def room(step: float = 0.05) -> np.ndarray:

@@ -9,15 +9,15 @@ from scipy.spatial import KDTree
 
 from m2t_text.config import PROFILES
 from m2t_text.errors import MapFileError
-from m2t_text.geometry import compose, transform
 from m2t_text.logs.building import box
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.raycast import cast
 from m2t_text.mapping.local_map import LocalMap
-from m2t_text.saved_maps.drawing import draw_map
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from m2t_text.saved_maps.occupancy_mapping import draw_map
 from m2t_text.saved_maps.sampling import ALIKE, CLEARANCE, NEAR, Sampler, distinct_views
-from m2t_text.saved_maps.source import SavedMap
+from m2t_text.sources.saved_map import SavedMap
+from m2t_text.util.geometry import compose, transform
 
 DEFAULT = PROFILES["default"]
 

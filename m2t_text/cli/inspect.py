@@ -1,0 +1,92 @@
+"""The command `inspect`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from m2t_text.cli.console import note, print_json
+from m2t_text.cli.options import (
+    DEFAULT_INDEX,
+    TARGETS,
+    HeightOption,
+    IndexOption,
+    JsonOption,
+    LogNameOption,
+    OdometryTopicOption,
+    PlotOption,
+    RunOption,
+    ScanTopicOption,
+    check_plot,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from m2t_text.index.map_index import MapIndex
+    from m2t_text.recognition.queries import Query
+
+
+def inspect(
+    target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
+    index: IndexOption = DEFAULT_INDEX,
+    name: LogNameOption = None,
+    run: RunOption = None,
+    scan_topic: ScanTopicOption = None,
+    odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
+    as_json: JsonOption = False,
+    plot: PlotOption = None,
+) -> None:
+    """Print the text that describes a map.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text inspect robot/000123                   its text
+    m2t-text inspect robot/000123 --json            with viewpoint and travel
+    m2t-text inspect robot.log@12.5 --plot map.png  drawn, straight from a log
+    m2t-text inspect robot.log#40 > place.txt       to search for it later
+    """
+    from m2t_text.config import PROFILES
+    from m2t_text.logs import Topics
+    from m2t_text.recognition.queries import Context, resolve
+    from m2t_text.sources.opening import SourceOptions
+
+    check_plot(plot)
+    opened = _if_any(index)
+    parameters = opened.parameters if opened else PROFILES["default"]
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
+    found = resolve(target, Context(parameters, opened, reading, run))
+    warn(found)
+    if plot is not None:
+        from m2t_text.plotting.pictures import plot_document
+
+        plot_document(found.text, found.document, plot)
+        note(f"drew {plot}")
+    if as_json:
+        print_json(inspection(found, parameters.mapping.cell))
+    else:
+        print(found.text)
+
+
+def inspection(query: "Query", cell: float) -> dict[str, Any]:
+    """The document of ``inspect --json``. A text alone is its own map, seen from its viewpoint."""
+    text, document = query.text, query.document
+    centre = text.positions().mean(axis=0) * cell if document is None else document.centre_of_gravity
+    return {
+        "map_id": document.map_id if document else None,
+        "text": str(text),
+        "keypoints": len(text),
+        "words": text.words,
+        "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
+        "centre_of_gravity": centre.tolist(),
+        "points": document.points if document else len(text),
+        "travel": document.travel.tolist() if document and document.driven else None,
+    }
+
+
+def _if_any(index: Path) -> "MapIndex | None":
+    """The index; None if it is the default one and was not made yet."""
+    from m2t_text.index.map_index import MapIndex
+
+    return None if index == DEFAULT_INDEX and not index.exists() else MapIndex.open(index)

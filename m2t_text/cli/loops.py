@@ -1,0 +1,98 @@
+"""The command that closes loops: loops."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from m2t_text.cli.console import bars, note, print_json, print_lines
+from m2t_text.cli.options import JobsOption, JsonOption, PlotOption
+from m2t_text.util.files import check_folder
+from m2t_text.util.workers import cores
+
+if TYPE_CHECKING:
+    from m2t_text.loops.detection import Walk
+
+
+def loops(
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="A laser log.", show_default=False)],
+    index: Annotated[
+        Path | None,
+        typer.Option(
+            "--index", metavar="DIR", help="Look places up in this index.", show_default="the log's own past"
+        ),
+    ] = None,
+    g2o: Annotated[
+        Path | None, typer.Option("--g2o", metavar="FILE", help="Write the pose graph for an optimiser.")
+    ] = None,
+    tum: Annotated[
+        Path | None, typer.Option("--tum", metavar="FILE", help="Write the trajectory before any correction.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The dataset's name.", show_default="the file's name")
+    ] = None,
+    jobs: JobsOption = None,
+    as_json: JsonOption = False,
+    plot: PlotOption = None,
+) -> None:
+    """Find where a drive comes back to places, as the loop edges of a pose graph.
+
+    The log is walked in the order of time, and each place is looked up among those that the robot had left
+    before. Only a `match` that neither the trajectory nor another loop contradicts becomes an edge. With an
+    index, places of other drives count too, and its own past as far as the index holds it.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text loops robot.log --g2o robot.g2o    for g2o, GTSAM, Ceres
+    m2t-text loops robot.log --plot robot.png   drawn
+    m2t-text loops robot.log --json             each loop, for scripts
+    m2t-text loops new.log --index indexes/office --g2o both.g2o
+    """
+    from m2t_text.index.map_index import MapIndex
+    from m2t_text.logs import read_log
+    from m2t_text.loops.detection import walk
+    from m2t_text.loops.export import to_g2o, to_json, to_tum, write
+    from m2t_text.loops.graph import pose_graph
+    from m2t_text.util.names import dataset_name
+
+    for path in (g2o, tum):
+        if path is not None:
+            check_folder(path)
+    if plot is not None:
+        from m2t_text.plotting.pictures import check_picture
+
+        check_picture(plot)
+    opened = None if index is None else MapIndex.open(index)
+    with bars() as progress:
+        shown = name or dataset_name(source)
+        log = read_log(source, name, partial(progress, shown, "reading"))
+        walked = walk(log, opened, cores(jobs), partial(progress, shown))
+    for warning in log.warnings:
+        note(f"warning: {log.name}: {warning}")
+    graph = pose_graph(walked)
+    for path, text in ((g2o, to_g2o(graph)), (tum, to_tum(walked))):
+        if path is not None:
+            write(path, text)
+            note(f"wrote {path}")
+    if plot is not None:
+        from m2t_text.loops.plots import plot_walk
+
+        plot_walk(walked, graph, plot)
+        note(f"drew {plot}")
+    if as_json:
+        print_json(to_json(walked, graph))
+    else:
+        _print(walked)
+
+
+def _print(walked: "Walk") -> None:
+    refused, waiting = len(walked.refused), len(walked.waiting)
+    print_lines(
+        f"{walked.log.name}: {len(walked.log.scans):,} scans, {walked.survey.way[-1]:,.1f} m of travel",
+        f"{walked.queries:,} places looked up, {walked.matches:,} with the verdict `match`",
+        f"{len(walked.loops):,} loops",
+        f"{refused:,} matches refused, which contradict the trajectory or other loops",
+        f"{waiting:,} matches left out, which nothing confirms",
+    )

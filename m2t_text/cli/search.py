@@ -1,0 +1,119 @@
+"""The command `search`."""
+
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table
+from m2t_text.cli.options import (
+    DEFAULT_INDEX,
+    TARGETS,
+    HeightOption,
+    IndexOption,
+    JsonOption,
+    LogNameOption,
+    OdometryTopicOption,
+    PlotOption,
+    RunOption,
+    ScanTopicOption,
+    check_plot,
+    warn,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from m2t_text.recognition.answer import Answer
+
+
+def search(
+    query: Annotated[str, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False)],
+    index: IndexOption = DEFAULT_INDEX,
+    top: Annotated[int, typer.Option(min=0, metavar="K", help="Number of results; 0 for every map.")] = 10,
+    exclude_travel: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            callback=a_number,
+            metavar="METRES",
+            help="Leave out maps of the same drive within these metres of travel.",
+        ),
+    ] = None,
+    no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
+    name: LogNameOption = None,
+    run: RunOption = None,
+    scan_topic: ScanTopicOption = None,
+    odometry_topic: OdometryTopicOption = None,
+    height: HeightOption = None,
+    as_json: JsonOption = False,
+    plot: PlotOption = None,
+) -> None:
+    """Find the maps of the index that show the same place as QUERY.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text search robot/000123                       a map of the index
+    m2t-text search robot/000123 --exclude-travel 10   on other visits only
+    m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
+    m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
+    m2t-text search new.log#200 --run 0                the single scan 200
+    m2t-text inspect robot/000123 | m2t-text search -  a text
+    m2t-text search room.pcd --height 0.2 1.0          a point cloud
+    """
+    from m2t_text.index.map_index import MapIndex
+    from m2t_text.logs import Topics
+    from m2t_text.recognition.answer import SearchOptions
+    from m2t_text.recognition.answer import search as find
+    from m2t_text.sources.opening import SourceOptions
+
+    check_plot(plot)
+    options = SearchOptions(top, exclude_travel, not no_verify, run)
+    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
+    answer = find(query, MapIndex.open(index), options, reading)
+    warn(answer.query)
+    if plot is not None:
+        _draw(answer, plot)
+    if as_json:
+        print_json(answer.to_json())
+    else:
+        _print_answer(answer)
+
+
+def _print_answer(answer: "Answer") -> None:
+    rows = []
+    for rank, result in enumerate(answer.finding.results, start=1):
+        document, hit = result.hit.document, result.hit
+        begin, end = document.travel
+        fit = "" if result.inlier_ratio is None else f"{result.inlier_ratio:.0%}"
+        pose = "" if result.pose is None else "{:.2f} {:.2f} {:.0f}°".format(*_degrees(result.pose))
+        rows.append([str(rank), hit.map_id, f"{hit.score:.4g}", fit, pose, f"{begin:.2f}–{end:.2f}"])
+    title = f"{answer.query.title}: {len(answer.query.text)} keypoints"
+    columns = {"#": "right", "map": "left", "score": "right", "inliers": "right", "pose (m, m)": "right"}
+    print_table(title, columns | {"travel (m)": "right"}, rows)
+    finding, index = answer.finding, answer.index
+    seconds = (
+        f"described in {answer.describe_seconds:.2f} s, searched in {finding.search_seconds:.2f} s, "
+        f"verified in {finding.verify_seconds:.2f} s"
+    )
+    print_lines(f"verdict: {finding.verdict}")
+    place = finding.results[0].dataset_pose if finding.results else None
+    if place is not None:
+        best = finding.results[0].hit.document.dataset
+        print_lines("pose in the frame of {}: {:.2f} {:.2f} {:.0f}°".format(best, *_degrees(place)))
+    print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
+
+
+def _degrees(pose: "NDArray[np.float64]") -> tuple[float, float, float]:
+    return float(pose[0]), float(pose[1]), degrees(pose[2])
+
+
+def _draw(answer: "Answer", path: Path) -> None:
+    from m2t_text.plotting.pictures import PANELS, plot_match
+
+    found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
+    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
+    note(f"drew {path}")

@@ -1,0 +1,94 @@
+"""Sums of many bits at once, compiled: masks are added in binary digits, one plane a digit.
+
+A mask has 64 bits in each of its lanes. Eight masks are first added to each other by carry-save adders, which
+keeps most of the work in registers.
+"""
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from m2t_text.index.kernels.simd import at, every, put, some
+
+U = np.uint64
+DIGITS = 24  # of a sum
+INNER = 9  # of them are held in registers while masks are added
+
+
+@numba.njit(inline="always")
+def _add(a: Any, b: Any, c: Any) -> Any:
+    """The sum of three bits, and what they carry."""
+    either = a ^ b
+    return either ^ c, (a & b) | (either & c)
+
+
+@numba.njit(cache=True, nogil=True)
+def add_masks(masks: Any, count: Any, planes: Any, digit: Any) -> None:
+    """Adds the first ``count`` masks, a multiple of eight, to ``planes``, each as often as the digit says.
+
+    Args:
+        masks: (>= count, 4) uint64.
+        planes: (DIGITS, 4) uint64, the binary digits of the sums.
+        digit: 0 to add each mask once, 1 twice, 2 four times, ...
+    """
+    d = U(digit)
+    p0, p1, p2 = at(planes, d), at(planes, d + U(1)), at(planes, d + U(2))
+    p3, p4, p5 = at(planes, d + U(3)), at(planes, d + U(4)), at(planes, d + U(5))
+    p6, p7, p8 = at(planes, d + U(6)), at(planes, d + U(7)), at(planes, d + U(8))
+    for block in range(U(count // 8)):
+        k = block * U(8)
+        p0, two_a = _add(p0, at(masks, k), at(masks, k + U(1)))
+        p0, two_b = _add(p0, at(masks, k + U(2)), at(masks, k + U(3)))
+        p1, four_a = _add(p1, two_a, two_b)
+        p0, two_a = _add(p0, at(masks, k + U(4)), at(masks, k + U(5)))
+        p0, two_b = _add(p0, at(masks, k + U(6)), at(masks, k + U(7)))
+        p1, four_b = _add(p1, two_a, two_b)
+        p2, carried = _add(p2, four_a, four_b)
+        p3, carried = p3 ^ carried, p3 & carried
+        p4, carried = p4 ^ carried, p4 & carried
+        p5, carried = p5 ^ carried, p5 & carried
+        p6, carried = p6 ^ carried, p6 & carried
+        p7, carried = p7 ^ carried, p7 & carried
+        p8, carried = p8 ^ carried, p8 & carried
+        place = d + U(INNER)
+        while some(carried):  # only sums of 512 and more come here
+            plane = at(planes, place)
+            put(planes, place, plane ^ carried)
+            carried = plane & carried
+            place += U(1)
+    put(planes, d, p0)
+    put(planes, d + U(1), p1)
+    put(planes, d + U(2), p2)
+    put(planes, d + U(3), p3)
+    put(planes, d + U(4), p4)
+    put(planes, d + U(5), p5)
+    put(planes, d + U(6), p6)
+    put(planes, d + U(7), p7)
+    put(planes, d + U(8), p8)
+
+
+@numba.njit(cache=True, nogil=True)
+def largest(planes: Any, among: Any) -> Any:
+    """The largest of the sums whose bits ``among`` has in any lane."""
+    left, value = every(U(among)), 0
+    for digit in range(DIGITS - 1, -1, -1):
+        higher = left & at(planes, U(digit))
+        if some(higher):
+            left = higher
+            value += 1 << digit
+    return value
+
+
+@numba.njit(inline="always")
+def at_least(planes: Any, number: Any) -> Any:
+    """A mask of the sums that reach a number; it is not negative."""
+    greater, equal = every(U(0)), every(~U(0))
+    for digit in range(DIGITS - 1, -1, -1):
+        plane = at(planes, U(digit))
+        if (number >> digit) & 1:
+            equal = equal & plane
+        else:
+            greater = greater | equal & plane
+            equal = equal & ~plane
+    return greater | equal

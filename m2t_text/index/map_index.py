@@ -1,0 +1,354 @@
+"""An index on disk: opening, committing, reading back and searching."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from whoosh.qparser import QueryParser
+from whoosh.qparser.common import QueryParserError
+from whoosh.query import NullQuery, Query
+
+from m2t_text.config import PROFILES, Parameters
+from m2t_text.description.document import Document
+from m2t_text.description.text import Text
+from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
+from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
+from m2t_text.index.snapshot import State
+from m2t_text.index.writing.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
+from m2t_text.index.writing.map_writer import MapWriter, other_parameters, writing
+from m2t_text.util.types import StageProgress
+
+if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
+    from m2t_text.description.source import Source
+    from m2t_text.index.search.weighting import MapWeighting, Method, Scores
+
+LOCK_SECONDS = 60.0  # to wait for another writer
+SHOWN = 80  # characters of a broken query
+DEEPEST = 12  # operators within operators: each ANDNOT, ANDMAYBE or REQUIRE doubles the time that Whoosh takes
+
+
+class MapIndex:
+    """The maps of any number of datasets, described with the same parameters, in one folder.
+
+    Every call sees one committed state, the latest. Use `open`, `create`, or `open_index` for either.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> index.document("drive/000040").last_scan > 40
+        True
+        >>> [(dataset.name, dataset.scans) for dataset in index.datasets()]
+        [('drive', 242)]
+    """
+
+    def __init__(self, path: Path, whoosh: Any, parameters: Parameters) -> None:
+        self.path = path
+        self.parameters = parameters
+        self.whoosh = whoosh
+        self._state: State | None = None
+        self._pinned = False
+
+    @classmethod
+    def create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
+        """A new, empty index in a folder that is made, is empty, or was left half made.
+
+        Raises:
+            MapIndexError: if the folder holds an index or anything else, or cannot be written.
+        """
+        create_whoosh(Path(path), parameters, LOCK_SECONDS)
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: str | Path, parameters: Parameters | None = None) -> "MapIndex":
+        """The index in a folder.
+
+        Raises:
+            MapIndexError: if there is none, or it is of another kind, version, or other parameters.
+        """
+        folder = Path(path)
+        whoosh, stored = open_whoosh(folder)
+        if parameters is not None and parameters != stored:
+            if not is_empty(whoosh):
+                raise other_parameters(folder, stored, parameters)
+            stored = parameters  # they are the index's with its first maps
+        return cls(folder, whoosh, stored)
+
+    def pinned(self) -> "MapIndex":
+        """The same index at its latest committed state, which it keeps whatever is committed later."""
+        pinned = MapIndex(self.path, self.whoosh, self.parameters)
+        with self._reading() as state:
+            pinned._state, pinned._pinned = state, True
+        return pinned
+
+    @contextmanager
+    def writer(self) -> Iterator[MapWriter]:
+        """Changes that are committed together when the block ends, or not at all if it raises.
+
+        Raises:
+            MapIndexError: if another process keeps writing, or the disk refuses.
+        """
+        with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
+            yield writer
+
+    def add(self, source: "Source", jobs: int = 1, progress: "StageProgress | None" = None) -> None:
+        """Describes every local map of a source and puts them into the index as one dataset, in one commit.
+
+        A dataset of the source's name that the index holds is replaced.
+
+        Args:
+            source: see `open_source`. The ground truth of a log is not used.
+            jobs: processes that describe maps.
+            progress: is told (stage, done, all).
+
+        Raises:
+            SourceError: if there is no map in it.
+            MapIndexError: if another process keeps writing, or the disk refuses.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.open_index("indexes/new")
+            >>> index.add(m2t.open_source("drive.log"))
+            >>> index.add(m2t.LogSource(m2t.simulate(m2t.Simulation(length=24.0, travel=8.0))))
+            >>> [dataset.name for dataset in index.datasets()]
+            ['drive', 'simulated-0']
+        """
+        described = source.describe(self.parameters, jobs, progress or (lambda stage, done, of: None))
+        self.replace(source.name, described.documents, described.drive)
+
+    def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
+        """These documents instead of all that the dataset had, in one commit; see `MapWriter.replace`."""
+        with self.writer() as writer:
+            writer.replace(name, documents, drive)
+
+    def remove(self, *names: str) -> None:
+        """Removes datasets with all their maps, in one commit.
+
+        Raises:
+            MapIndexError: if the index lacks one of them; nothing is removed then.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> m2t.open_index("indexes/default").remove("drives")
+            Traceback (most recent call last):
+            m2t_text.errors.MapIndexError: no dataset 'drives' in indexes/default; it holds drive
+        """
+        held = [dataset.name for dataset in self.datasets()]
+        for name in names:
+            if name not in held:
+                raise MapIndexError(self.lacking(name))
+        with self.writer() as writer:
+            for name in dict.fromkeys(names):
+                writer.remove(name)
+
+    def optimize(self, progress: Callable[[int, int], None] | None = None) -> None:
+        """Merges all segments into one without deletions; ``progress`` is told maps done, and all."""
+        maps = len(self)
+        with self.writer() as writer:
+            writer.optimize = True
+            if progress is not None:
+                writer.progress = lambda done: progress(done, maps)
+
+    def __len__(self) -> int:
+        with self._reading() as state:
+            return len(state)
+
+    @property
+    def ids(self) -> list[str]:
+        """The ids of all maps, sorted."""
+        with self._reading() as state:
+            return state.ids
+
+    def document(self, map_id: str) -> Document:
+        """The map of this id, exactly as it was indexed. An id that the index lacks is a QueryError."""
+        with self._reading() as state:
+            document = state.document(map_id)
+        if document is None:
+            raise QueryError(f"no map {map_id!r} in {self.path}")
+        return document
+
+    def documents(self, dataset: str | None = None) -> Iterator[Document]:
+        """The maps of a dataset, or all, ordered by id."""
+        with self._reading() as state:
+            for place in state.places():
+                if dataset is None or place.dataset == dataset:
+                    yield place.document(text=True)
+
+    def datasets(self) -> list[DatasetSummary]:
+        """The datasets ordered by name."""
+        with self._reading() as state:
+            drives = state.searcher.schema["text"].drives
+            maps = state.maps()
+            for name in maps:
+                if name not in drives:
+                    raise DamageError(f"dataset {name!r} is not in its table of contents")
+        return [DatasetSummary(name, count, *drives[name]) for name, count in maps.items()]
+
+    def lacking(self, dataset: str) -> str:
+        """What to tell who names a dataset that the index does not hold."""
+        known = listed([summary.name for summary in self.datasets()])
+        return f"no dataset {dataset!r} in {self.path}; it holds {known or 'none'}"
+
+    def info(self) -> IndexInfo:
+        """What the index holds and takes."""
+        with self._reading() as state:
+            size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
+            return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
+
+    def search(
+        self,
+        text: Text,
+        top: int = 10,
+        exclude: tuple[str, float, float] | None = None,
+        method: "Method" = "m2t",
+        filter: Query | str | None = None,
+    ) -> list[Hit]:
+        """The best maps for a query's text; equal scores are ordered by map id.
+
+        Args:
+            text: of the query map.
+            top: so many hits at most, all with a match; 0 for every map, those without a match last at score 0.
+            exclude: (dataset, travel, metres): leave out its maps whose middle is not more than this away.
+            method: with the pose words, or the paper's baseline without.
+            filter: of Whoosh, or in its query language: ``dataset:NAME AND travel:[10 TO 20]``.
+
+        Raises:
+            QueryError: if the filter is not in the query language.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.MapIndex.open("indexes/default")
+            >>> text = index.document("drive/000040").text
+            >>> [hit.map_id for hit in index.search(text, top=1)]
+            ['drive/000040']
+            >>> hit = index.search(text, top=1, filter="travel:[20 TO 30]")[0]
+            >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
+            (True, (3,))
+        """
+        model = self.model(method)
+        query = self.parse(filter) if isinstance(filter, str) else filter
+        with self._reading() as state:
+            places, scores = state.best(text, model, top, self._allowed(state, exclude, query))
+            documents = [place.document() for place in places]
+        ids = [document.map_id for document in documents]
+        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
+        cell = self.parameters.mapping.cell
+        return [
+            Hit(
+                documents[k],
+                float(scores.score[k]),
+                int(scores.matched[k]),
+                scores.alignment[k] * [cell, cell, 1.0],
+            )
+            for k in ranked[: top or None]
+        ]
+
+    def _allowed(
+        self, state: State, exclude: tuple[str, float, float] | None, filter: Query | None
+    ) -> list[NDArray[np.bool_]]:
+        """Of each segment (D,) which documents a search may find."""
+        allowed = [leaf.live for leaf in state.leaves]
+        if exclude is not None:
+            dataset, travel, metres = exclude
+            near = [
+                leaf.of_dataset(dataset) & (np.abs(leaf.middles - travel) <= metres) for leaf in state.leaves
+            ]
+            allowed = [live & ~out for live, out in zip(allowed, near, strict=True)]
+        if filter is not None:
+            matching = state.matching(filter)
+            allowed = [live & match for live, match in zip(allowed, matching, strict=True)]
+        return allowed
+
+    def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":
+        """The scores of all maps at once, in the order of `ids`."""
+        with self._reading() as state:
+            return state.scores(text, self.model(method))
+
+    def model(self, method: "Method" = "m2t") -> "MapWeighting":
+        """The weighting of this index's profile."""
+        from m2t_text.index.search.weighting import MapWeighting
+
+        return MapWeighting.of(self.parameters.matching, method)
+
+    def searcher(self, method: "Method" = "m2t") -> Any:
+        """A Whoosh searcher of the latest state, for queries of any kind; to be closed by the caller."""
+        return self.whoosh.searcher(weighting=self.model(method))
+
+    def parse(self, string: str) -> Query:
+        """The Whoosh query of a string; a bare token is looked up in the maps' texts.
+
+        Raises:
+            QueryError: saying what is wrong with it.
+        """
+        shown = string if len(string) <= SHOWN else string[: SHOWN - 3] + "..."
+        with self._reading() as state:  # Whoosh's index would read its table of contents for it
+            parser = QueryParser("text", state.searcher.schema)
+        try:
+            string.encode()  # Whoosh looks names up as UTF-8
+            deep = _depth(parser.process(string)) > DEEPEST
+            query = NullQuery if deep else parser.parse(string)
+        except (QueryParserError, UnicodeEncodeError) as error:
+            raise QueryError(f"{shown!r} is not a query: {error}") from error
+        except (AssertionError, IndexError) as error:  # in Whoosh, of operators as NOT NOT or ANDNOT ANDNOT
+            raise QueryError(f"{shown!r} is not a query: an operator has nothing to work on") from error
+        except RecursionError:
+            deep, query = True, NullQuery
+        if deep:
+            raise QueryError(f"{shown!r} nests operators too deeply; {DEEPEST} levels at most")
+        broken = [leaf.error for leaf in query.leaves() if leaf.error is not None]
+        if broken or query is NullQuery:
+            raise QueryError(f"{shown!r} is not a query: {broken[0] if broken else 'it is empty'}")
+        return query
+
+    @contextmanager
+    def _reading(self) -> Iterator[State]:
+        """The latest committed state; damage that shows in the block is told as `reading` does.
+
+        It is opened anew after each commit: Whoosh's refresh mixes states up.
+        """
+        with reading(self.path):
+            state = self._state
+            if state is None or not (self._pinned or state.searcher.up_to_date()):
+                state = State(self.whoosh.searcher())
+                _ = state.keypoints  # opens all texts: an index with a damaged segment answers nothing
+                self._state = state
+            yield state
+
+
+def open_index(path: str | Path, parameters: Parameters | None = None) -> MapIndex:
+    """The index in a folder; a new, empty one if there is none.
+
+    Args:
+        path: of the folder, which is made with those above it.
+        parameters: of a new index, those of the profile ``default`` if None. An index that is there must have
+            been made with them, if they are given.
+
+    Raises:
+        MapIndexError: if the folder holds something else, or an index of another version or other parameters,
+            or cannot be written.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.open_index("indexes/paper", m2t.PROFILES["paper"])
+        >>> len(index), index.parameters.profile
+        (0, 'paper')
+        >>> m2t.open_index("indexes/paper").parameters.mapping.run_length  # metres
+        3.0
+    """
+    if not holds_index(Path(path)):
+        try:
+            return MapIndex.create(path, parameters or PROFILES["default"])
+        except MapIndexError:
+            if not holds_index(Path(path)):  # else another process was quicker
+                raise
+    return MapIndex.open(path, parameters)
+
+
+def _depth(group: Any) -> int:
+    """How many of Whoosh's groups of syntax lie within each other; level by level, as recursion has an end."""
+    depth, level = 0, [group]
+    while level:
+        depth, level = depth + 1, [node for one in level for node in getattr(one, "nodes", ())]
+    return depth

@@ -1,0 +1,110 @@
+"""What matching needs of a whole index: the texts of each segment, and the statistics over all of them."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.description.text import WORDS
+from m2t_text.index.kernels import intersection
+from m2t_text.index.kernels.packed import Texts
+
+GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One segment as a reader sees it.
+
+    Attributes:
+        texts: of all its documents; they never change.
+        live: (documents,) bool, False where this reader's state of the index has the document deleted.
+    """
+
+    texts: Texts
+    live: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Collection:
+    """All live maps that a reader sees, whatever the segments that they lie in.
+
+    Attributes:
+        segments: by segment id.
+        maps: N, number of live maps.
+    """
+
+    segments: dict[str, Segment]
+    maps: int
+
+    @cached_property
+    def frequency(self) -> NDArray[np.int64]:
+        """(1024,) live maps with each word."""
+        frequency = np.zeros(WORDS, dtype=np.int64)
+        for segment in self.segments.values():
+            intersection.document_frequency(segment.texts, segment.live, frequency)
+        return frequency
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """(1024,) the rarity of each word: log((N + 1) / df). Positive, as Whoosh asks of scores.
+
+        Rounded to a grid on which sums are exact, so that equal scores are equal whatever the order of adding.
+        """
+        rarity = np.log((self.maps + 1) / np.clip(self.frequency, 1, self.maps + 1))
+        return np.ceil(rarity / GRID) * GRID
+
+    @cached_property
+    def norms(self) -> dict[str, NDArray[np.float64]]:
+        """For each segment (documents,) the weight of each map: the sum of its keypoints' weights."""
+        norms = {name: np.zeros(len(segment.live)) for name, segment in self.segments.items()}
+        for name, segment in self.segments.items():
+            intersection.document_weight(segment.texts, self.weights, norms[name])
+        return norms
+
+
+_lock = threading.RLock()
+_collections: WeakKeyDictionary[Any, Collection] = WeakKeyDictionary()
+
+
+def collection(searcher: Any, fieldname: str) -> Collection:
+    """The collection that a searcher, or the parent of a segment's searcher, sees.
+
+    It lives as long as the reader does.
+    """
+    reader = searcher.get_parent().reader()
+    with _lock:
+        if reader not in _collections:
+            _collections[reader] = _collect(reader, fieldname)
+        return _collections[reader]
+
+
+def live_documents(reader: Any) -> NDArray[np.bool_]:
+    """(D,) which documents of a segment are not deleted."""
+    live = np.ones(reader.doc_count_all(), dtype=np.bool_)
+    live[list(reader.segment().deleted_docs())] = False
+    return live
+
+
+def segment_name(reader: Any) -> str:
+    """The id of a segment reader's segment; ids are random, and a segment's contents never change."""
+    return str(reader.segment().segment_id())
+
+
+def leaves(reader: Any) -> Iterator[Any]:
+    """The segment readers below a reader; none for an index without documents."""
+    return (leaf for leaf, _ in reader.leaf_readers() if leaf.doc_count_all())
+
+
+def _collect(reader: Any, fieldname: str) -> Collection:
+    segments = {segment_name(leaf): _segment(leaf, fieldname) for leaf in leaves(reader)}
+    return Collection(segments, sum(int(segment.live.sum()) for segment in segments.values()))
+
+
+def _segment(leaf: Any, fieldname: str) -> Segment:
+    return Segment(leaf.column_reader(fieldname, translate=False).texts, live_documents(leaf))

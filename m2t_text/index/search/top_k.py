@@ -1,0 +1,138 @@
+"""The best maps of many without measuring all: the most promising first, until bounds leave out the rest."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.index.kernels.scores import Scores
+from m2t_text.util.types import Floats
+from m2t_text.util.workers import cores
+
+Documents = NDArray[np.int64]
+Part = TypeVar("Part")
+
+SHARES = 32  # parts for each thread, so that all of them end together; but
+GROWTH = 4  # of batches
+LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
+
+
+class Measure(Protocol):
+    """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
+
+    @property
+    def promises_bounds(self) -> bool:
+        """Whether what is promised are bounds already."""
+
+    def promise(self, name: str, documents: Documents) -> Floats:
+        """A guess of what documents (K,) may score, to begin with the best; a wrong one only costs time."""
+
+    def bound(self, name: str, documents: Documents, threshold: float) -> Floats:
+        """What the scores of documents (K,) cannot exceed; below the threshold it may be 0."""
+
+    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
+        """The same, tighter; of a score below the threshold anything below the threshold may be told."""
+
+    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+        """The scores of documents (K,); below the threshold they may be 0."""
+
+
+class Ranking:
+    """The documents that a search chooses from, worked on by threads. To be used in a ``with`` block.
+
+    Args:
+        measure: of the query.
+        allowed: documents (K,) of each segment that may be found.
+    """
+
+    def __init__(self, measure: Measure, allowed: Mapping[str, Documents]) -> None:
+        self._measure = measure
+        self._names = list(allowed)
+        self._begins = np.cumsum([0, *[len(part) for part in allowed.values()]])
+        self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
+        self._threads = ThreadPoolExecutor(cores(None))
+
+    def __enter__(self) -> "Ranking":
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._threads.shutdown(cancel_futures=True)
+
+    def all(self) -> Scores:
+        """The scores of all documents, in the order in which they were given."""
+        return self._scores(np.arange(len(self._documents)), 0.0)
+
+    def best(self, top: int) -> tuple[NDArray[np.int64], Scores]:
+        """The ``top`` best documents and all that tie with the last of them: their places, and scores.
+
+        Places count in the order in which the documents were given. Those without a match are left out. Exact:
+        whatever else there is has a bound below ``top`` scores.
+        """
+        every = np.arange(len(self._documents))
+        promise = _joined(self._each(self._measure.promise, every))
+        done = _largest(promise, 2 * top)
+        scores = self._scores(done, 0.0)
+        last = _last(scores, top)
+        bounds = promise
+        if not self._measure.promises_bounds:
+            bounds = _joined(self._each(self._measure.bound, every, last))
+        bounds[done] = 0.0
+        rest = np.flatnonzero((bounds > 0) & (bounds >= last))
+        rest = rest[_descending(bounds[rest])]
+        size = len(done)
+        while len(rest):
+            # Batches grow: few of them, and what the first ones find spares a close look at the later ones.
+            batch, rest = np.split(rest, [size])
+            size *= GROWTH
+            tight = _joined(self._each(self._measure.tighten, np.sort(batch), last))
+            promising = np.sort(batch)[tight >= last]
+            scores = Scores.joined([scores, self._scores(promising, last)])
+            done = np.append(done, promising)
+            last = _last(scores, top)
+            rest = rest[bounds[rest] >= last]
+        kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
+        return done[kept], scores[kept]
+
+    def _scores(self, places: NDArray[np.int64], threshold: float) -> Scores:
+        order = np.argsort(places)
+        back = np.empty(len(places), dtype=np.int64)
+        back[order] = np.arange(len(places))
+        return Scores.joined(self._each(self._measure.measure, places[order], threshold))[back]
+
+    def _each(self, work: Callable[..., Part], places: NDArray[np.int64], *arguments: float) -> Sequence[Part]:
+        """What the work gives for ascending places, part by part of one segment each."""
+        parts: list[tuple[str, Documents]] = []
+        threads = cores(None)
+        share = max(1, min(max(LEAST, len(places) // (SHARES * threads)), len(places) // threads))
+        for number, name in enumerate(self._names):
+            begin, end = np.searchsorted(places, self._begins[number : number + 2])
+            own = self._documents[places[begin:end]]
+            parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
+        return list(self._threads.map(lambda part: work(*part, *arguments), parts))
+
+
+def _joined(parts: Sequence[Floats]) -> Floats:
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def _descending(values: Floats) -> NDArray[np.int64]:
+    """The order of values from the largest; 16 bits of each count, which are sorted in linear time."""
+    most = float(values.max(initial=0.0))
+    keys = np.floor(values * (65535 / most)) if most > 0 else values
+    return np.argsort((65535 - keys).astype(np.uint16), kind="stable")
+
+
+def _largest(values: Floats, count: int) -> NDArray[np.int64]:
+    """The places of the largest values, in any order."""
+    if len(values) <= count:
+        return np.arange(len(values))
+    return np.argpartition(-values, count)[:count]
+
+
+def _last(scores: Scores, top: int) -> float:
+    """The score that the best ``top`` reach, 0 while there are fewer."""
+    if len(scores.score) < top:
+        return 0.0
+    return float(np.partition(scores.score, len(scores.score) - top)[len(scores.score) - top])

@@ -1,0 +1,183 @@
+"""One committed state of an index, as arrays over its maps."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from whoosh.query import Query
+
+from m2t_text.description.document import Document, map_id_of
+from m2t_text.description.text import Text
+from m2t_text.index.schema import from_record
+from m2t_text.index.search.collection import live_documents
+
+if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching needs them
+    from m2t_text.index.kernels.scores import Scores
+    from m2t_text.index.search.weighting import MapWeighting
+
+EMPTY = Text.of([], [], [])
+
+
+class Leaf:
+    """One segment of a state; its arrays are over all its documents, deleted ones too."""
+
+    def __init__(self, searcher: Any, offset: int) -> None:
+        self.reader = searcher.reader()
+        self.name = str(self.reader.segment().segment_id())
+        self.offset = offset
+        self.live = live_documents(self.reader)
+
+    @cached_property
+    def texts(self) -> Any:
+        """The column of the texts."""
+        return self.reader.column_reader("text", translate=False)
+
+    @cached_property
+    def records(self) -> NDArray[Any]:
+        """(D,) what is known of each map."""
+        return self.reader.column_reader("record", translate=False).array
+
+    @cached_property
+    def datasets(self) -> Any:
+        """The column of the datasets' names."""
+        return self.reader.column_reader("dataset", translate=False)
+
+    def ids(self) -> list[str]:
+        """The ids of all documents."""
+        names, codes = self.datasets.names, self.datasets.codes.tolist()
+        scans = self.records["first_scan"].tolist()
+        return [map_id_of(names[code], scan) for code, scan in zip(codes, scans, strict=True)]
+
+    def of_dataset(self, name: str) -> NDArray[np.bool_]:
+        """(D,) which documents belong to a dataset."""
+        return self.datasets.codes == self.datasets.code(name)
+
+    @cached_property
+    def middles(self) -> NDArray[np.float64]:
+        """(D,) travel at the middle of each map, metres."""
+        return self.reader.column_reader("travel", translate=False).array
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a map lies: its segment, and its number there."""
+
+    leaf: Leaf
+    number: int
+
+    @property
+    def dataset(self) -> str:
+        """The name of the map's dataset."""
+        return str(self.leaf.datasets.names[self.leaf.datasets.codes[self.number]])
+
+    @property
+    def map_id(self) -> str:
+        """The map's id."""
+        return map_id_of(self.dataset, int(self.leaf.records["first_scan"][self.number]))
+
+    def document(self, text: bool = False) -> Document:
+        """The map, with its text or an empty one."""
+        leaf, number = self.leaf, self.number
+        return from_record(self.dataset, leaf.records[number], leaf.texts[number] if text else EMPTY)
+
+
+class State:
+    """One committed state of an index. Arrays over its live maps are in the order of map ids."""
+
+    def __init__(self, searcher: Any) -> None:
+        self.searcher = searcher
+        self.leaves = [Leaf(leaf, offset) for leaf, offset in searcher.leaf_searchers() if leaf.doc_count_all()]
+
+    def __len__(self) -> int:
+        return int(self.searcher.doc_count())
+
+    @cached_property
+    def _sorted(self) -> tuple[list[str], NDArray[np.int64]]:
+        """The ids of all live maps, sorted, and (maps,) their numbers among the documents of all segments."""
+        ids = np.array([map_id for leaf in self.leaves for map_id in leaf.ids()], dtype=object)
+        numbers = np.flatnonzero(self._all([leaf.live for leaf in self.leaves], np.bool_))
+        numbers = numbers[np.argsort(ids[numbers], kind="stable")]
+        return ids[numbers].tolist(), numbers
+
+    @property
+    def ids(self) -> list[str]:
+        """The ids of all maps, sorted."""
+        return self._sorted[0]
+
+    @property
+    def _order(self) -> NDArray[np.int64]:
+        return self._sorted[1]
+
+    @property
+    def keypoints(self) -> int:
+        """Of all maps together."""
+        return sum(int(leaf.texts.texts.counts[leaf.live].sum()) for leaf in self.leaves)
+
+    def maps(self) -> dict[str, int]:
+        """How many maps each dataset has, by name."""
+        counts: dict[str, int] = {}
+        for leaf in self.leaves:
+            for name, count in zip(
+                leaf.datasets.names, np.bincount(leaf.datasets.codes[leaf.live]), strict=False
+            ):
+                counts[name] = counts.get(name, 0) + int(count)
+        return {name: counts[name] for name in sorted(counts) if counts[name]}
+
+    def scores(self, text: Text, model: "MapWeighting") -> "Scores":
+        """How well the text fits each map."""
+        return self._rank(text, model, 0, [np.arange(len(leaf.live)) for leaf in self.leaves])[1][self._order]
+
+    def best(
+        self, text: Text, model: "MapWeighting", top: int, allowed: Sequence[NDArray[np.bool_]]
+    ) -> "tuple[list[Place], Scores]":
+        """The best maps with a match, and those that tie with the last, of the ``allowed`` (D,) of segments.
+
+        With ``top`` 0 all that are allowed, also those without a match.
+        """
+        documents = [np.flatnonzero(part) for part in allowed]
+        found, scores = self._rank(text, model, top, documents)
+        begins = np.cumsum([0, *(len(part) for part in documents)])
+        segments = np.searchsorted(begins, found, side="right") - 1
+        places = [
+            Place(self.leaves[k], int(documents[k][number - begins[k]]))
+            for k, number in zip(segments.tolist(), found.tolist(), strict=True)
+        ]
+        return places, scores
+
+    def _rank(
+        self, text: Text, model: "MapWeighting", top: int, documents: Sequence[NDArray[np.int64]]
+    ) -> "tuple[NDArray[np.int64], Scores]":
+        from m2t_text.index.search.collection import collection
+        from m2t_text.index.search.top_k import Ranking
+
+        measure = model.measure(text, collection(self.searcher, "text"))
+        names = [leaf.name for leaf in self.leaves]
+        with Ranking(measure, dict(zip(names, documents, strict=True))) as ranking:
+            if top:
+                return ranking.best(top)
+            return np.arange(sum(map(len, documents))), ranking.all()
+
+    def matching(self, query: Query) -> list[NDArray[np.bool_]]:
+        """Of each segment (D,) whether a Whoosh query matches."""
+        matches = np.zeros(self.searcher.doc_count_all(), dtype=np.bool_)
+        matches[list(self.searcher.docs_for_query(query))] = True
+        return [matches[leaf.offset : leaf.offset + len(leaf.live)] for leaf in self.leaves]
+
+    def document(self, map_id: str) -> Document | None:
+        """The map of this id with its text, or None."""
+        number = self.searcher.document_number(map_id=map_id)
+        return None if number is None else self._place(number).document(text=True)
+
+    def places(self) -> Iterator[Place]:
+        """All maps in the order of ids."""
+        return map(self._place, self._order.tolist())
+
+    def _place(self, number: int) -> Place:
+        leaf = next(leaf for leaf in reversed(self.leaves) if leaf.offset <= number)
+        return Place(leaf, number - leaf.offset)
+
+    def _all(self, parts: Sequence[NDArray[Any]], dtype: Any) -> NDArray[Any]:
+        return np.concatenate([np.zeros(0, dtype=dtype), *parts])

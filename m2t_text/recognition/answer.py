@@ -1,0 +1,115 @@
+"""What the commands answer, as objects that are printed, saved as JSON and compared."""
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+from m2t_text.errors import QueryError
+from m2t_text.index.map_index import MapIndex
+from m2t_text.recognition.finding import Finding, Found, find
+from m2t_text.recognition.queries import Context, Query, resolve
+from m2t_text.sources.opening import SourceOptions
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How to search.
+
+    Attributes:
+        top: number of results; 0 for every map.
+        exclude_travel: metres; None to exclude nothing.
+        verify: whether the best hits are aligned and judged.
+        run: metres of travel in a query that is cut from a log; None for as many as in the maps of the index.
+    """
+
+    top: int = 10
+    exclude_travel: float | None = None
+    verify: bool = True
+    run: float | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search found, and how long its steps took in seconds."""
+
+    query: Query
+    index: MapIndex
+    finding: Finding
+    describe_seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of ``search --json``."""
+        origin = self.query.document
+        driven = origin if self.query.driven else None
+        return {
+            "query": {
+                "map_id": origin.map_id if origin else None,
+                "dataset": origin.dataset if origin else None,
+                "first_scan": driven.first_scan if driven else None,
+                "last_scan": driven.last_scan if driven else None,
+                "keypoints": len(self.query.text),
+            },
+            "index": {
+                "path": str(self.index.path),
+                "maps": len(self.index),
+                "profile": self.index.parameters.profile,
+            },
+            "seconds": {
+                "describe": self.describe_seconds,
+                "search": self.finding.search_seconds,
+                "verify": self.finding.verify_seconds,
+            },
+            "verdict": self.finding.verdict,
+            "results": [
+                _result(rank, result, driven is not None)
+                for rank, result in enumerate(self.finding.results, start=1)
+            ],
+        }
+
+
+def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:
+    document = result.hit.document
+    pose = None if result.pose is None else result.pose.tolist()
+    return {
+        "rank": rank,
+        "map_id": document.map_id,
+        "dataset": document.dataset,
+        "first_scan": document.first_scan,
+        "last_scan": document.last_scan,
+        "travel": document.travel.tolist(),
+        "score": result.hit.score,
+        "matched": result.hit.matched,
+        "pose": pose if driven else None,
+        "frame_pose": pose,  # the same, and that of the frame of a query without scans
+        "dataset_pose": None if result.dataset_pose is None else result.dataset_pose.tolist(),
+        "inlier_ratio": result.inlier_ratio,
+    }
+
+
+def search(
+    target: str,
+    index: MapIndex,
+    options: SearchOptions = SearchOptions(),
+    reading: SourceOptions | None = None,
+) -> Answer:
+    """Finds the maps of the index that show what ``target`` names; ``reading`` says how, if it is a file.
+
+    Raises:
+        QueryError, SourceError, TextError: if it names nothing that can be searched.
+
+    Examples:
+        >>> import m2t_text as m2t
+        >>> index = m2t.MapIndex.open("indexes/default")
+        >>> answer = m2t.search("drive.log@8", index, m2t.SearchOptions(top=1))
+        >>> answer.query.title == answer.finding.results[0].hit.map_id
+        True
+    """
+    begin = perf_counter()
+    index = index.pinned()
+    query = resolve(target, Context(index.parameters, index, reading or SourceOptions(), options.run))
+    if not len(query.text):
+        raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
+    described = perf_counter() - begin
+    index.model()  # loads the compiled code, which is no part of any one search
+    exclude = query.excluding(options.exclude_travel)
+    return Answer(query, index, find(index, query, options.top, exclude, options.verify), described)

@@ -1,0 +1,95 @@
+"""From files to an index: several sources in one commit."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+from m2t_text.config import PROFILES, Parameters, parameters_of
+from m2t_text.errors import SourceError
+from m2t_text.index.map_index import MapIndex, open_index
+from m2t_text.index.writing.folder import holds_index
+from m2t_text.index.writing.map_writer import MapWriter
+from m2t_text.sources.opening import SourceOptions, dataset_names, open_source
+from m2t_text.util.types import SourceProgress
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to index, and how.
+
+    Attributes:
+        sources: files, each one dataset.
+        index: folder; an index is made there if there is none.
+        profile: None for that of the index, or the default one.
+        jobs: processes that describe maps.
+        options: how to read the sources; a name where there is one source only.
+    """
+
+    sources: Sequence[Path]
+    index: Path
+    profile: str | None = None
+    jobs: int = 1
+    options: SourceOptions = field(default_factory=SourceOptions)
+
+
+@dataclass(frozen=True)
+class Indexed:
+    """A dataset that went into the index, and what was skipped in its source."""
+
+    name: str
+    scans: int
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What became of the sources; ``failed`` holds one line for each that could not be read."""
+
+    indexed: list[Indexed] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+
+
+def index_sources(request: Request, progress: SourceProgress | None = None) -> Report:
+    """Describes every map of every source; each dataset replaces the one of the same name, all in one commit.
+
+    A source that cannot be read is left out, and what the index held of it stays. Documents are written as
+    they are made, so memory does not grow with the number of maps.
+
+    Raises:
+        M2TError: if the request cannot be met; nothing is written then.
+    """
+    tell = progress or (lambda what, stage, done, of: None)
+    names = dataset_names(request.sources, "indexed", request.options.name)
+    parameters = _parameters(request)
+    report = Report()
+    with ExitStack() as commit:
+        writer: MapWriter | None = None
+        for path, name in zip(request.sources, names, strict=True):
+            begin = perf_counter()
+            try:
+                options = replace(request.options, name=name)
+                source = open_source(path, options, partial(tell, name, "reading"))
+                described = source.describe(parameters, request.jobs, partial(tell, name))
+            except SourceError as error:
+                report.failed.append(str(error))
+                continue
+            # The index is made, and locked, not before there is something to put into it.
+            writer = writer or commit.enter_context(open_index(request.index, parameters).writer())
+            writer.replace(name, described.documents, described.drive)
+            scans, _ = described.drive
+            report.indexed.append(Indexed(name, scans, perf_counter() - begin, source.warnings))
+        tell("index", "writing", 0, 1)
+    tell("index", "writing", 1, 1)
+    return report
+
+
+def _parameters(request: Request) -> Parameters:
+    """Of the index if there is one, which must be those asked for, if any are."""
+    wanted = parameters_of(request.profile) if request.profile is not None else None
+    if holds_index(request.index):
+        return MapIndex.open(request.index, wanted).parameters
+    return wanted or PROFILES["default"]

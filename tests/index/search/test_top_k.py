@@ -1,0 +1,163 @@
+"""Searching only as far as bounds demand: nothing is missed, and the order is that of all scores."""
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from map_oracle import document, random_text
+
+from m2t_text.config import MatchingParameters, Parameters
+from m2t_text.description.text import Text
+from m2t_text.index.kernels import agreement, bit_sums, bound_tables, bounds, simd
+from m2t_text.index.kernels.bitmaps import COARSE, FINE
+from m2t_text.index.kernels.packed import Texts
+from m2t_text.index.kernels.views import views
+from m2t_text.index.map_index import MapIndex
+
+U = np.uint64
+
+
+def walls(rng: np.random.Generator, keypoints: int, span: int, words: int = 40) -> Text:
+    """Keypoints along a few lines, as maps have them."""
+    lines = rng.integers(-span, span, (4, 2)), rng.choice([(1, 0), (0, 1), (1, 1)], 4)
+    line = rng.integers(0, 4, keypoints)
+    along = rng.integers(0, span, keypoints)
+    cells = np.unique(lines[0][line] + along[:, None] * lines[1][line], axis=0)
+    return Text.of(cells[:, 0], cells[:, 1], (cells[:, 0] // 9 * 7 + cells[:, 1] // 9) % words)
+
+
+def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: int):
+    """|Q'| + |M'| of each map, and both of its bounds; the fine one where the coarse one reaches the median."""
+    texts, documents = Texts.of(maps), np.arange(len(maps))
+    seen = views(query, turns, directions)
+    both, matched = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
+    found, coarse = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
+    agreement.agree(texts, documents, agreement.Board.of(seen, 10), both, matched, found)
+    bounder = bound_tables.Bounder.of(seen)
+    bounds.coarse_bounds(texts, documents, bounder, np.zeros_like(both), COARSE.scratch(), coarse)
+    early = np.zeros_like(coarse)
+    bounds.coarse_bounds(texts, documents, bounder, both + 1, COARSE.scratch(), early)
+    assert ((early == coarse) | (early == 0)).all()
+    needed = np.maximum(np.full(len(maps), int(np.median(both)), dtype=np.int32), 1)
+    fine = np.zeros(len(maps), dtype=np.int32)
+    finer = bound_tables.FineBounder.of(seen, bounder)
+    bounds.fine_bounds(texts, documents, bounder, finer, needed, COARSE.scratch(), FINE.scratch(), fine)
+    return both, coarse, fine, needed
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([30, 90, 140, 300]), st.sampled_from([1, 3]))
+def test_no_score_exceeds_its_bounds(seed, span, directions):
+    rng = np.random.default_rng(seed)
+    query = walls(rng, 150, span)
+    copies = [query.turned(k).moved([*rng.uniform(-1.2, 1.2, 2), 0.0], 0.1) for k in range(4)]
+    maps = copies + [walls(rng, int(rng.integers(1, 300)), span) for _ in range(8)]
+    both, coarse, fine, needed = measured(query, maps, (0, 1, 2, 3), directions)
+    assert (coarse >= both).all()
+    if max(np.abs(query.wx).max(), np.abs(query.wy).max()) < bound_tables.LIMIT / 1.5:  # in each direction
+        assert (fine <= coarse).all()
+    assert (fine[both >= needed] >= both[both >= needed]).all()
+
+
+def test_keypoints_that_repeat_and_maps_without_any():
+    query = Text.of(np.zeros(50), np.zeros(50), np.full(50, 3))
+    both, coarse, fine, _ = measured(query, [query, Text.of([], [], []), Text.of([3], [0], [3])], (0, 1), 1)
+    assert both.tolist() == [100, 0, 51] and (coarse >= both).all()
+    assert fine[0] == 100 and fine[2] in (0, 51)
+
+
+def test_the_fine_bound_is_the_largest_overlap_of_all_offsets():
+    rng = np.random.default_rng(5)
+    query, found = walls(rng, 200, 60), walls(rng, 200, 60)
+    both, _, fine, needed = measured(query, [found], (0,), 1)
+    q, m = (np.stack([t.wx, t.wy], 1).astype(int) for t in (query, found))
+    most = 0
+    for dx in range(bound_tables.FIRST, bound_tables.FIRST + 26):
+        for dy in range(bound_tables.FIRST, bound_tables.FIRST + 26):
+            near = np.abs(q[:, None] + [dx, dy] - m[None]).max(axis=2) <= 1
+            most = max(most, int(near.any(axis=0).sum() + near.any(axis=1).sum()))
+    assert both[0] <= fine[0] <= most
+    assert needed[0] <= fine[0]
+
+
+@given(
+    st.lists(st.tuples(*[st.integers(0, 2**64 - 1)] * 4), max_size=90), st.integers(0, 3), st.integers(0, 200)
+)
+def test_sums_of_bits(masks, digit, number):
+    filled = np.array([*masks, *[(0, 0, 0, 0)] * (-len(masks) % 8)], dtype=np.uint64).reshape(-1, 4)
+    sums = np.zeros((bit_sums.DIGITS, 4), dtype=np.uint64)
+    bit_sums.add_masks(filled, len(filled), sums, 0)
+    bit_sums.add_masks(filled, len(filled), sums, digit)
+    reaching = np.zeros((1, 4), dtype=np.uint64)
+    written_at_least(sums, number, reaching)
+    wanted = np.zeros((4, 64), dtype=int)
+    for lane in range(4):
+        wanted[lane] = [(1 + 2**digit) * sum(mask[lane] >> bit & 1 for mask in masks) for bit in range(64)]
+        column = [int(plane) for plane in sums[:, lane]]
+        got = [sum((plane >> bit & 1) << place for place, plane in enumerate(column)) for bit in range(64)]
+        assert got == wanted[lane].tolist()
+        told = [bool(int(reaching[0, lane]) >> bit & 1) for bit in range(64)]
+        assert told == (wanted[lane] >= number).tolist()
+    assert bit_sums.largest(sums, ~U(0)) == wanted.max()
+    assert bit_sums.largest(sums, U(0b1010)) == wanted[:, [1, 3]].max()
+
+
+@numba.njit
+def written_at_least(sums, number, rows):
+    simd.put(rows, U(0), bit_sums.at_least(sums, number))
+
+
+def test_sums_that_need_many_digits():
+    masks = np.full((6000, 4), ~U(0))
+    sums = np.zeros((bit_sums.DIGITS, 4), dtype=np.uint64)
+    bit_sums.add_masks(masks, 6000, sums, 3)
+    assert bit_sums.largest(sums, ~U(0)) == 48_000
+
+
+@numba.njit
+def written(bits, places, move, rows):
+    """What the operations on lanes give, a row each."""
+    a, b = simd.at(rows, U(0)), simd.at(rows, U(1))
+    simd.put(rows, U(2), a & b)
+    simd.put(rows, U(3), a | b)
+    simd.put(rows, U(4), a ^ b)
+    simd.put(rows, U(5), ~a)
+    simd.put(rows, U(6), simd.every(U(7)))
+    simd.put(rows, U(7), simd.gathered(bits, places, U(1), move))
+    return simd.some(a & b)
+
+
+def test_lanes_are_four_words():
+    rng = np.random.default_rng(2)
+    rows = rng.integers(0, 2**64, (8, 4), dtype=np.uint64)
+    rows[1] = [0, 0, 1 << 63, 0]
+    rows[0, 2] |= U(1 << 63)
+    bits, places = rng.integers(0, 256, 100, dtype=np.uint8), np.array([[0, 0, 0, 0], [0, 13, 60, 85]])
+    a, b = rows[0].copy(), rows[1].copy()
+    assert written(bits, places, 7, rows)
+    assert rows[2:7].tolist() == [(a & b).tolist(), (a | b).tolist(), (a ^ b).tolist(), (~a).tolist(), [7] * 4]
+    assert rows[7].tolist() == [int.from_bytes(bits[p + 7 : p + 15].tobytes(), "little") for p in places[1]]
+    rows[0, 2] = 0
+    assert not written(bits, places, 0, rows)
+
+
+@pytest.mark.parametrize("score", ["agreement", "intersection"])
+@pytest.mark.parametrize("weighted", [True, False])
+def test_the_best_are_the_first_of_all(tmp_path, score, weighted):
+    """Also with ties, which go by the map's id, and across segments with deletions."""
+    rng = np.random.default_rng(3)
+    parameters = Parameters(matching=MatchingParameters(score=score, weighted=weighted))
+    index = MapIndex.create(tmp_path / "index", parameters)
+    texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(60)]
+    for name in ("b", "c", "a", "b"):  # the second b replaces the first
+        index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
+    for query in (texts[7], walls(rng, 90, 40), random_text(rng, 30)):
+        everything = index.search(query, top=0)
+        for top in (1, 2, 10, 50, 1000):
+            best = index.search(query, top)
+            wanted = [hit for hit in everything if hit.score > 0][:top]
+            assert [(h.map_id, h.score, h.matched) for h in best] == [
+                (h.map_id, h.score, h.matched) for h in wanted
+            ]
+            assert all(np.array_equal(a.alignment, b.alignment) for a, b in zip(best, wanted, strict=True))

@@ -1,0 +1,106 @@
+"""An index from a stranger runs nothing, leads nowhere, and takes no more memory than it has bytes."""
+
+import pickle
+import sys
+from pathlib import Path
+
+import children
+import hostile
+import numpy as np
+import pytest
+from map_oracle import document, random_text
+from states import built, contents, copied, expected
+
+from m2t_text.errors import DamageError, MapIndexError
+from m2t_text.index.map_index import MapIndex
+from m2t_text.index.search.weighting import HistogramIntersection, OffsetAgreement
+from m2t_text.index.storage.safe_pickle import Made, load
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
+
+STATE = {"a": 5, "b": 11}
+BAGS = HistogramIntersection(None)
+
+
+@pytest.fixture(scope="module")
+def index(tmp_path_factory: pytest.TempPathFactory) -> MapIndex:
+    index = built(tmp_path_factory.mktemp("hostile") / "index", STATE)
+    index.optimize()
+    index.search(next(index.documents()).text)  # loads what the processes need
+    return index
+
+
+@pytest.mark.parametrize("name", hostile.ATTACKS)
+def test_a_hostile_index_is_refused(index: MapIndex, tmp_path: Path, name: str) -> None:
+    told = hostile.suffer(index, tmp_path / "index", tmp_path / "canary", hostile.ATTACKS[name])
+    assert told is not None and told.isprintable() and str(tmp_path / "index") in told
+
+
+def test_the_tools_of_the_attacks_harm_nothing_by_themselves(index: MapIndex, tmp_path: Path) -> None:
+    for tool in (hostile.forge, hostile.reassemble):
+        copy = copied(index, tmp_path / "index")
+        tool(copy.path)
+        assert hostile.suffer(copy, tmp_path / "again", tmp_path / "canary", lambda path, canary: None) is None
+        assert contents(copy) == expected(STATE)
+
+
+def test_a_linked_folder_for_what_is_not_committed_keeps_its_files(index: MapIndex, tmp_path: Path) -> None:
+    copy = copied(index, tmp_path / "index")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "letter").write_text("dear")
+    (copy.path / "MAIN.tmp").symlink_to(tmp_path / "letters")
+    copy.replace("a", [])
+    assert [file.name for file in (tmp_path / "letters").iterdir()] == ["letter"]
+    assert contents(copy) == expected({"b": 11})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_keypoints_lead_no_search_astray(index: MapIndex, tmp_path: Path, seed: int) -> None:
+    copy = copied(index, tmp_path / "index")
+    wide = [document("b", k, random_text(np.random.default_rng(k), 150, span=300, words=3)) for k in range(3)]
+    copy.replace("b", wide)
+    copy.optimize()
+    hostile.reassemble(copy.path, {"text": lambda data: hostile.scrambled(data, seed)})
+
+    def work() -> None:
+        attacked = MapIndex.open(copy.path)
+        with pytest.raises(MapIndexError, match="cannot be read"):
+            contents(attacked)
+        for text in (wide[0].text, random_text(np.random.default_rng(seed), 40)):
+            for model in (OffsetAgreement(), OffsetAgreement(window=20), HistogramIntersection(), BAGS):
+                with attacked._reading() as state:
+                    scores = state.scores(text, model)
+                    every = [leaf.live for leaf in state.leaves]
+                    best = state.best(text, model, 2, every)[1]
+                assert (scores.matched >= 0).all() and (scores.matched <= len(text)).all()
+                assert np.isfinite(scores.score).all() and len(best.score) <= len(scores.score)
+
+    children.call(work)
+
+
+@pytest.mark.parametrize("protocol", [2, 5])
+def test_plain_data_is_read_as_python_does(protocol: int) -> None:
+    data = {
+        "a": [1, -5, 70_000, 2**40, None, True, 0.5],
+        "ü" * 300: ((), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
+    }
+    data["many"] = list(range(3000))  # type: ignore[assignment]
+    assert load(pickle.dumps(data, protocol) + b"more") == (data, len(pickle.dumps(data, protocol)))
+    assert load(pickle.dumps({1, 2, 300}, 5))[0] == {1, 2, 300}
+
+
+def test_objects_are_described_and_not_made() -> None:
+    name = "builtins object"
+    made, _ = load(b"\x80\x02cbuiltins\nobject\n)\x81}X\x01\x00\x00\x00aK\x05sb.", frozenset({name}))
+    assert isinstance(made, Made) and made.name == name and made.state == {"a": 5}
+    for broken in (
+        b"",
+        b"\x80\x02",
+        b".",
+        b"\x80\x02]",
+        b"\x80\x02}K\x01K\x02s.",
+        b"\x80\x02h\x05.",
+        b"\x80\x02e.",
+    ):
+        with pytest.raises(DamageError):
+            load(broken, frozenset({name}))

@@ -5,16 +5,16 @@ from typing import Annotated
 import typer
 
 from m2t_text import __version__
-from m2t_text.cli.check import check
-from m2t_text.cli.evaluate import evaluate
-from m2t_text.cli.evaluate_loops import evaluate_loops
-from m2t_text.cli.evaluate_map import evaluate_map
-from m2t_text.cli.index import demo, index, simulate
-from m2t_text.cli.info import info
-from m2t_text.cli.inspect import inspect
-from m2t_text.cli.loops import loops
-from m2t_text.cli.maintain import fetch, merge, optimize, remove
-from m2t_text.cli.search import search
+from m2t_text.cli.commands.check import check
+from m2t_text.cli.commands.evaluate import evaluate
+from m2t_text.cli.commands.evaluate_loops import evaluate_loops
+from m2t_text.cli.commands.evaluate_map import evaluate_map
+from m2t_text.cli.commands.index import demo, index, simulate
+from m2t_text.cli.commands.info import info
+from m2t_text.cli.commands.inspect import inspect
+from m2t_text.cli.commands.loops import loops
+from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove
+from m2t_text.cli.commands.search import search
 
 app = typer.Typer(
     name="m2t-text",

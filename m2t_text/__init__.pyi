@@ -9,7 +9,6 @@ from .index.merging import indexes_in, merge
 from .index.results import DatasetSummary, Hit, IndexInfo
 from .logs import read_log
 from .logs.log import Log, Scan, Topics
-from .logs.public import LOGS, fetch
 from .logs.simulator import Simulation, simulate, write_carmen
 from .pipeline import describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
@@ -17,6 +16,7 @@ from .recognition.finding import Finding, Found, find, verify_hits
 from .recognition.queries import Query
 from .recognition.verification import Alignment, align, relative_pose
 from .sources.opening import LogSource, SourceOptions, open_source
+from .sources.public_logs import LOGS, fetch
 
 __version__: str
 __all__ = [

@@ -4,10 +4,15 @@ import io
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from calling import Call
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from m2t_text.logs import Log
+    from m2t_text.loops.detection import Walk
 
 # The same examples on every machine; `pytest --hypothesis-profile=default` looks for others.
 settings.register_profile("same", derandomize=True, deadline=None)
@@ -45,6 +50,30 @@ def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -
     path = tmp_path_factory.mktemp("indexes") / "drive"
     index_sources(Request([simulated], path))
     return path
+
+
+@pytest.fixture(scope="session")
+def circuit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of a simulated drive that comes back to places, ``circuit.log``, with ground truth."""
+    from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+
+    path = tmp_path_factory.mktemp("circuit") / "circuit.log"
+    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25)), path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def drive(circuit: Path) -> "Log":
+    from m2t_text.logs import read_log
+
+    return read_log(circuit)
+
+
+@pytest.fixture(scope="session")
+def walked(drive: "Log") -> "Walk":
+    from m2t_text.loops.detection import walk
+
+    return walk(drive)
 
 
 @pytest.fixture

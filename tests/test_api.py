@@ -58,7 +58,7 @@ def test_the_page_describes_all_names() -> None:
         for alias in node.names
     }
     constants, errors = (
-        {"config.PROFILES", "fetching.LOGS"},
+        {"config.PROFILES", "sources.public_logs.LOGS"},
         {home for home in homes if home.startswith("errors.")},
     )
     assert homes - constants - errors <= described and "errors" in described

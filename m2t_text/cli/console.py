@@ -9,12 +9,12 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from m2t_text.errors import clean
-from m2t_text.util.types import SourceProgress
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from m2t_text.index.results import IndexInfo
+    from m2t_text.util.types import SourceProgress
 
 WIDE = 160  # columns of a table that no terminal shows
 STAGES = {"scans": "matching scans", "views": "looking around", "maps": "describing maps"}

@@ -9,7 +9,7 @@ import typer
 
 from m2t_text.cli.console import bars, print_held, print_json, print_lines, print_table
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, JsonOption
-from m2t_text.logs.public import LOGS, SOURCE
+from m2t_text.sources.public_logs import LOGS, SOURCE
 
 if TYPE_CHECKING:
     from m2t_text.index.map_index import MapIndex
@@ -53,8 +53,8 @@ def fetch(
     """
     import pooch
 
-    from m2t_text.logs.public import cache_folder, public_log
-    from m2t_text.logs.public import fetch as download
+    from m2t_text.sources.public_logs import cache_folder, public_log
+    from m2t_text.sources.public_logs import fetch as download
 
     logs = [public_log(name) for name in names or LOGS]
     place = (folder or cache_folder()).absolute()

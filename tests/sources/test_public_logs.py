@@ -15,8 +15,8 @@ from threading import Event, Thread
 import pytest
 from calling import PROGRAM, Call
 
-from m2t_text.logs import public
-from m2t_text.logs.public import LOGS, PublicLog, fetch
+from m2t_text.sources import public_logs
+from m2t_text.sources.public_logs import LOGS, PublicLog, fetch
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -122,7 +122,7 @@ def test_folder_and_mirror_from_the_environment(
 
 
 def test_the_default_folder_is_the_users_cache(mirror: Mirror, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(public, "cache_folder", lambda: Path("home/cache"))
+    monkeypatch.setattr(public_logs, "cache_folder", lambda: Path("home/cache"))
     assert fetch(NAME, mirror=mirror.url("whole")) == Path("home/cache/drive.log").absolute()
 
 
@@ -130,7 +130,7 @@ def test_progress_ends_with_all_bytes(mirror: Mirror) -> None:
     told: list[tuple[int, int]] = []
     fetch(NAME, "logs", mirror.url("whole"), lambda done, of: told.append((done, of)))
     size = len(mirror.contents)
-    assert told[0] == (public.CHUNK, size) and told[-1] == (size, size) and told == sorted(told)
+    assert told[0] == (public_logs.CHUNK, size) and told[-1] == (size, size) and told == sorted(told)
     told.clear()
     Path("logs/drive.log").unlink()
     fetch(NAME, "logs", mirror.url("endless"), lambda done, of: told.append((done, of)))
@@ -151,7 +151,7 @@ def test_progress_ends_with_all_bytes(mirror: Mirror) -> None:
 def test_a_failed_download_is_one_line_and_leaves_nothing(
     call: Call, mirror: Mirror, monkeypatch: pytest.MonkeyPatch, folder: str, message: str
 ) -> None:
-    monkeypatch.setattr(public, "TIMEOUT", 0.2)
+    monkeypatch.setattr(public_logs, "TIMEOUT", 0.2)
     status, out, err = call("fetch", NAME, "--folder", "logs", "--mirror", mirror.url(folder))
     assert (status, out) == (2, "") and message in err
     assert err.startswith("m2t-text: ") and err.count("\n") == 1

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.errors import LogError
 from m2t_text.util.types import Floats

@@ -1,6 +1,6 @@
 """Every query looked up and judged against the ground truth, on several cores."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from m2t_text.description.document import Document
 from m2t_text.evaluation.metrics import best, normalised_ranks, pose_error
 from m2t_text.evaluation.protocol import APART, RIGHT, GroundTruth
 from m2t_text.index.map_index import MapIndex
@@ -33,6 +34,7 @@ class Judgement:
         verdict: of the verified search.
         error: metres and radians by which the verified hit's relative pose errs; None if the hit is wrong or
             was not aligned.
+        right: whether that pose is right, as a robot needs it: see `GroundTruth.right`.
     """
 
     query: int
@@ -41,6 +43,7 @@ class Judgement:
     distance: dict[str, float]
     verdict: str
     error: tuple[float, float] | None
+    right: bool
 
 
 def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
@@ -59,14 +62,22 @@ def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
     found = Query.of(document)
     finding = find(index, found, exclude=found.excluding(APART))
     distance["verified"] = np.inf
-    error = None
+    error, right = None, False
     if finding.results:
         first = finding.results[0]
         hit = index.ids.index(first.hit.map_id)
         distance["verified"] = float(distances[hit])
-        if first.pose is not None and distances[hit] <= RIGHT:
-            error = pose_error(first.pose, between(truth.poses[hit], truth.poses[query]))
-    return Judgement(query, int(relevant.sum()), rank, distance, finding.verdict, error)
+        if first.pose is not None:
+            right = truth.right(query, hit, first.pose)
+            if distances[hit] <= RIGHT:
+                error = pose_error(first.pose, between(truth.poses[hit], truth.poses[query]))
+    return Judgement(query, int(relevant.sum()), rank, distance, finding.verdict, error, right)
+
+
+def matches(index: MapIndex, apart: float, document: Document) -> bool:
+    """Whether a map gets a ``match`` without the maps of its dataset within ``apart`` metres of travel."""
+    query = Query.of(document)
+    return find(index, query, top=1, exclude=query.excluding(apart)).verdict == "match"
 
 
 def judge_all(
@@ -88,6 +99,26 @@ def judge_all(
 
 def _judge_of(path: Path, truth: GroundTruth) -> Callable[[int], Judgement]:
     return partial(judge, MapIndex.open(path), truth)
+
+
+def count_matches(
+    path: Path,
+    documents: Sequence[Document],
+    apart: float = APART,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """How many of the documents get a ``match`` in the index in a folder; see `matches`."""
+    count = 0
+    for done, match in enumerate(mapped(partial(_matches_of, path, apart), documents, jobs), start=1):
+        count += match
+        if progress:
+            progress(done, len(documents))
+    return count
+
+
+def _matches_of(path: Path, apart: float) -> Callable[[Document], bool]:
+    return partial(matches, MapIndex.open(path), apart)
 
 
 def column(judgements: list[Judgement], name: str, key: str) -> Floats:

@@ -7,14 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.document import Document
-from m2t_text.evaluation.metrics import Booleans
-from m2t_text.util.geometry import transform
+from m2t_text.evaluation.metrics import Booleans, pose_error
+from m2t_text.util.geometry import between, transform
 from m2t_text.util.types import Floats
 
 NEAR = 1.0  # m between the places of maps that are relevant to each other
 APART = 10.0  # m of travel between them at least, so that they belong to different visits
 LIMITS = (1.0, 3.0)  # m; a best hit is right if its place is so near
 RIGHT = 3.0  # m; the limit at which verdicts and relative poses are judged
+POSE_RIGHT = (1.0, np.radians(10.0))  # m and rad by which a hit's relative pose may err and be right
+UNVISITED = 6.0  # m; a map without another visit's map so near shows a place that was never seen before
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,28 @@ class GroundTruth:
 
     def relevance(self, query: int) -> tuple[Booleans, Booleans]:
         """(N,) which maps are relevant to a query, and which irrelevant; those of one visit are neither."""
-        apart = np.abs(self.travel - self.travel[query]) > APART
+        apart = self._other_visits(query)
         near = self.distances(query) <= NEAR
         return apart & near, apart & ~near
 
     def queries(self) -> NDArray[np.int64]:
         """(Q,) the maps that have a relevant map."""
         return np.array([i for i in range(len(self)) if self.relevance(i)[0].any()], dtype=np.int64)
+
+    def unvisited(self) -> NDArray[np.int64]:
+        """(U,) the maps of places that no other visit came near to."""
+        lonely = [
+            i for i in range(len(self)) if not self._other_visits(i)[self.distances(i) <= UNVISITED].any()
+        ]
+        return np.array(lonely, dtype=np.int64)
+
+    def right(self, query: int, hit: int, pose: Floats) -> bool:
+        """Whether the relative ``pose`` (3,) of a query's first scan, as seen from a hit's, is right."""
+        away, turn = pose_error(pose, between(self.poses[hit], self.poses[query]))
+        return bool(away <= POSE_RIGHT[0] and turn <= POSE_RIGHT[1])
+
+    def _other_visits(self, query: int) -> Booleans:
+        return np.asarray(np.abs(self.travel - self.travel[query]) > APART)
 
 
 def draw(queries: NDArray[np.int64], count: int | None, seed: int) -> NDArray[np.int64]:

@@ -51,13 +51,19 @@ def _dataset(one: Evaluated) -> dict[str, Any]:
         "maps": len(one.truth),
         "queries": len(one.judgements),
         "pairs": sum(judgement.relevant for judgement in one.judgements),
-        "methods": methods(one.judgements),
+        "methods": methods(one.judgements, one.unvisited, one.elsewhere),
         "published_anr": published(one.log.name),
     }
 
 
-def methods(judgements: list[Judgement]) -> dict[str, Any]:
-    """The figures of each method over all queries of a dataset; None where nothing defines one."""
+def methods(
+    judgements: list[Judgement], unvisited: tuple[int, int] = (0, 0), elsewhere: tuple[int, int] = (0, 0)
+) -> dict[str, Any]:
+    """The figures of each method over all queries of a dataset; None where nothing defines one.
+
+    ``unvisited`` and ``elsewhere`` count the maps that were looked up where their place is not, and those among
+    them that got a `match`.
+    """
     figures: dict[str, Any] = {
         method: {
             "anr": 100 * float(column(judgements, "normalised_rank", method).mean()),
@@ -68,6 +74,8 @@ def methods(judgements: list[Judgement]) -> dict[str, Any]:
     distances = column(judgements, "distance", "verified")
     match = np.array([judgement.verdict == "match" for judgement in judgements])
     precision, found = verdicts(distances, match, RIGHT)
+    right = np.array([judgement.right for judgement in judgements])
+    all_matches = int(match.sum()) + unvisited[1]
     errors = np.array([j.error for j in judgements if j.error is not None]).reshape(-1, 2)
     figures["verified"] = {
         "recall_at_1": _recalls(distances),
@@ -75,6 +83,13 @@ def methods(judgements: list[Judgement]) -> dict[str, Any]:
         "rotation_error_median": median(errors[:, 1]),
         "verdict_precision": None if precision is None else 100 * precision,
         "verdict_recall": 100 * found,
+        "pose_recall": 100 * float(right.mean()),
+        "match_precision": 100 * float((right & match).sum()) / all_matches if all_matches else None,
+        "match_recall": 100 * float((right & match).mean()),
+        "unvisited": unvisited[0],
+        "unvisited_matches": unvisited[1],
+        "elsewhere": elsewhere[0],
+        "elsewhere_matches": elsewhere[1],
     }
     return figures
 

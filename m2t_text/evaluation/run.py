@@ -1,4 +1,6 @@
-"""The evaluation of whole logs: each is indexed by itself, for as long as it takes, and looked up in itself."""
+"""The evaluation of whole logs: each is indexed by itself, for as long as it takes, and looked up in itself.
+
+Several logs are also looked up in each other, where every `match` is wrong."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.config import Parameters, parameters_of
+from m2t_text.description.document import Document
 from m2t_text.errors import LogError
 from m2t_text.evaluation.examples import Pair, examples
-from m2t_text.evaluation.judging import Judgement, judge_all
+from m2t_text.evaluation.judging import Judgement, count_matches, judge_all
 from m2t_text.evaluation.protocol import APART, NEAR, GroundTruth, draw
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
@@ -42,12 +45,20 @@ class Request:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """One dataset: its log, the truth about its maps, what became of each query, and two pairs to look at."""
+    """One dataset: its log, the truth about its maps, what became of each query, and two pairs to look at.
+
+    Attributes:
+        travel: metres, up to the end of the last map.
+        unvisited: maps of places that were never seen before that were looked up, and how many got a `match`.
+        elsewhere: queries looked up in all other logs, and how many got a `match`.
+    """
 
     log: Log
-    travel: float  # m, up to the end of the last map
+    travel: float
     truth: GroundTruth
     judgements: list[Judgement]
+    unvisited: tuple[int, int]
+    elsewhere: tuple[int, int]
     pairs: list[Pair]
 
 
@@ -76,7 +87,8 @@ def evaluate(request: Request, progress: SourceProgress | None = None) -> Evalua
             _prepared(log, Path(folder) / str(n), parameters, request, partial(tell, log.name))
             for n, log in enumerate(logs)
         ]
-        return Evaluation(parameters, [_evaluated(one, request.jobs, tell) for one in prepared])
+        together = _together(prepared, Path(folder) / "together", parameters)
+        return Evaluation(parameters, [_evaluated(one, together, request, tell) for one in prepared])
 
 
 @dataclass(frozen=True)
@@ -113,8 +125,39 @@ def _prepared(
     return _Prepared(log, index, truth, draw(queries, request.queries, request.seed))
 
 
-def _evaluated(one: _Prepared, jobs: int, tell: SourceProgress) -> Evaluated:
-    judging = partial(tell, one.log.name, "judging queries")
-    judgements = judge_all(one.index.path, one.truth, one.queries, jobs, judging)
-    travel = one.index.datasets()[0].travel
-    return Evaluated(one.log, travel, one.truth, judgements, examples(one.index, one.truth, judgements))
+def _together(prepared: Sequence[_Prepared], path: Path, parameters: Parameters) -> MapIndex | None:
+    """All logs in one index; None of a single log."""
+    if len(prepared) < 2:
+        return None
+    index = MapIndex.create(path, parameters)
+    with index.writer() as writer:
+        for one in prepared:
+            writer.replace(one.log.name, one.index.documents())
+    return index
+
+
+def _evaluated(one: _Prepared, together: MapIndex | None, request: Request, tell: SourceProgress) -> Evaluated:
+    stage = partial(tell, one.log.name)
+    judgements = judge_all(
+        one.index.path, one.truth, one.queries, request.jobs, partial(stage, "judging queries")
+    )
+    ids = one.index.ids
+    drawn = draw(one.truth.unvisited(), len(one.queries), request.seed)
+    lonely = [one.index.document(ids[k]) for k in drawn]
+    progress = partial(stage, "looking up unvisited places")
+    unvisited = count_matches(one.index.path, lonely, APART, request.jobs, progress)
+    asked: list[Document] = []
+    elsewhere = 0
+    if together is not None:
+        asked = [one.index.document(ids[k]) for k in one.queries]
+        progress = partial(stage, "looking elsewhere")
+        elsewhere = count_matches(together.path, asked, np.inf, request.jobs, progress)
+    return Evaluated(
+        log=one.log,
+        travel=one.index.datasets()[0].travel,
+        truth=one.truth,
+        judgements=judgements,
+        unvisited=(len(lonely), unvisited),
+        elsewhere=(len(asked), elsewhere),
+        pairs=examples(one.index, one.truth, judgements),
+    )

@@ -12,7 +12,7 @@ import pytest
 
 from m2t_text.cli import run
 from m2t_text.evaluation.judging import Judgement
-from m2t_text.evaluation.report import mean, methods, published
+from m2t_text.evaluation.report import mean, methods, published, report
 from m2t_text.evaluation.run import Evaluation, Request, evaluate
 from m2t_text.logs import read_log
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen
@@ -76,15 +76,30 @@ def test_json(call: Call, loop: Path) -> None:
     for figures in (dataset["methods"], document["mean"]):
         assert set(figures) == {"bow", "m2t", "verified"}
         assert all(set(figures[method]["recall_at_1"]) == RECALLS for method in figures)
-        silent = figures["verified"]["verdict_precision"] is None  # no verdict was a match
-        assert sum(not isinstance(number, float) for number in numbers(figures)) == silent
+        verified = figures["verified"]
+        silent = [verified[f"{kind}_precision"] is None for kind in ("verdict", "match")]  # no match at all
+        assert sum(number is None for number in numbers(figures)) == sum(silent)
         shares = [figures[method]["anr"] for method in ("bow", "m2t")]
         shares += [share for method in figures for share in figures[method]["recall_at_1"].values()]
         shares += [figures["verified"][f"verdict_{name}"] or 0.0 for name in ("precision", "recall")]
+        shares += [verified[name] or 0.0 for name in ("pose_recall", "match_precision", "match_recall")]
         assert all(0 <= share <= 100 for share in shares)
         assert 0 <= figures["verified"]["translation_error_median"] < 4
         assert 0 <= figures["verified"]["rotation_error_median"] <= math.pi
+        assert 0 <= verified["unvisited_matches"] <= verified["unvisited"] <= 12
+        assert verified["elsewhere"] == verified["elsewhere_matches"] == 0  # there is no other log
     assert document["mean"] == dataset["methods"]
+
+
+def test_several_logs_are_looked_up_in_each_other(loop: Path, tmp_path: Path) -> None:
+    """Another drive through the same building is the other log here, so that places are found in it."""
+    part = tmp_path / "part.log"
+    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25, drive=1)), part)
+    found = evaluate(Request([loop, part], queries=10))
+    for dataset in found.datasets:
+        asked, matched = dataset.elsewhere
+        assert asked == 10 and matched > 4
+    assert report(found)["mean"]["verified"]["elsewhere"] == 10
 
 
 def numbers(figures: Any) -> list[Any]:
@@ -99,10 +114,11 @@ def test_the_table_stands_beside_the_papers(call: Call, loop: Path) -> None:
     status, out, err = call("evaluate", loop, other, "--queries", 4, "--profile", "paper")
     assert (status, err) == (0, "") and "profile paper" in out
     rows = [line.split() for line in out.splitlines()]
-    ranks, _ = (row for row in rows if row[:1] == ["fr079-simulated"])
+    ranks, _, wrong = (row for row in rows if row[:1] == ["fr079-simulated"])
     assert ranks[-2:] == ["24.0", "17.1"]
     assert next(row[-2:] for row in rows if row[:1] == ["other"]) == ["–", "–"]
-    assert sum(row[:1] == ["mean"] for row in rows) == 2
+    assert wrong[-2:] == ["of", "4"]  # queries, looked up in the other log
+    assert sum(row[:1] == ["mean"] for row in rows) == 3
 
 
 def test_the_same_figures_for_any_number_of_jobs(loop: Path, evaluation: Evaluation) -> None:
@@ -157,16 +173,16 @@ def test_nothing_is_left_behind(loop: Path, tmp_path: Path, monkeypatch: pytest.
 def test_figures_of_judgements_by_hand() -> None:
     def judgement(rank: float, distance: float, verdict: str, error: float | None = None) -> Judgement:
         ranks, distances = {"bow": rank, "m2t": rank / 2}, dict.fromkeys(("bow", "m2t", "verified"), distance)
-        return Judgement(0, 1, ranks, distances, verdict, error and (error, error / 10))
+        right = error is not None and error < 0.2
+        return Judgement(0, 1, ranks, distances, verdict, error and (error, error / 10), right)
 
-    figures = methods(
-        [
-            judgement(0.2, 0.5, "match", 0.1),
-            judgement(0.4, 2.0, "match", 0.3),
-            judgement(0.6, 9.0, "match"),
-            judgement(0.8, np.inf, "none"),
-        ]
-    )
+    queries = [
+        judgement(0.2, 0.5, "match", 0.1),
+        judgement(0.4, 2.0, "match", 0.3),
+        judgement(0.6, 9.0, "match"),
+        judgement(0.8, np.inf, "none"),
+    ]
+    figures = methods(queries, unvisited=(7, 2), elsewhere=(5, 1))
     assert figures["bow"]["anr"] == pytest.approx(50) and figures["m2t"]["anr"] == pytest.approx(25)
     assert figures["verified"] == {
         "recall_at_1": {"1": 25.0, "3": 50.0},
@@ -174,9 +190,17 @@ def test_figures_of_judgements_by_hand() -> None:
         "rotation_error_median": pytest.approx(0.02),
         "verdict_precision": pytest.approx(200 / 3),
         "verdict_recall": 50.0,
+        "pose_recall": 25.0,
+        "match_precision": pytest.approx(100 / 5),  # one of three matches is right, none of two is
+        "match_recall": 25.0,
+        "unvisited": 7,
+        "unvisited_matches": 2,
+        "elsewhere": 5,
+        "elsewhere_matches": 1,
     }
     silent = methods([judgement(0.8, np.inf, "none")])["verified"]
     assert silent["verdict_precision"] is None and silent["translation_error_median"] is None
+    assert silent["match_precision"] is None
 
 
 def test_mean_over_datasets() -> None:

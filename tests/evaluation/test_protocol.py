@@ -107,6 +107,25 @@ def test_queries_are_the_maps_with_a_relevant_map() -> None:
     assert not len(GroundTruth.of([], np.zeros((5, 3))).queries())
 
 
+def test_unvisited_maps_lie_far_from_all_maps_of_other_visits() -> None:
+    places, travel = [(0, 0), (0, 1), (6.0, 0), (20, 0), (26.001, 0)], [0.0, 9.0, 40.0, 60.0, 80.0]
+    # the first is 6 m from the third, and the second more; near maps of the same visit do not count
+    assert truth(places, travel).unvisited().tolist() == [1, 3, 4]
+
+
+def test_a_relative_pose_is_right_within_a_metre_and_ten_degrees() -> None:
+    poses = np.array([[5.0, 5.0, np.pi / 2], [5.0, 7.0, np.pi / 2]])  # the second is 2 m ahead of the first
+    known = GroundTruth(poses, np.zeros((2, 2)), np.zeros(2))
+    for pose, right in [
+        ([2.0, 0.0, 0.0], True),
+        ([2.7, 0.7, np.radians(-9.9)], True),
+        ([3.01, 0.0, 0.0], False),
+        ([2.0, 0.0, np.radians(10.1)], False),
+        ([2.0, 0.0, np.pi], False),  # a flip
+    ]:
+        assert known.right(query=1, hit=0, pose=np.array(pose)) is right
+
+
 def test_a_place_is_the_centre_of_gravity_carried_by_the_first_scans_true_pose() -> None:
     document = Document(
         dataset="a",

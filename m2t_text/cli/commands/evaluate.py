@@ -41,7 +41,8 @@ def evaluate(
     """Measure how well places of a log are found again, as the paper does.
 
     Maps are built from raw odometry and scans; the corrected poses only judge what was found. Each log is
-    looked up in itself, without the maps of the same visit.
+    looked up in itself, without the maps of the same visit; several logs are looked up in each other, too,
+    where each `match` is wrong, as it is at places that were never visited before.
 
     [bold]Examples[/bold]
 
@@ -69,6 +70,7 @@ def evaluate(
     else:
         _print_ranks(figures)
         _print_hits(figures)
+        _print_poses(figures)
 
 
 def _print_ranks(figures: dict[str, Any]) -> None:
@@ -102,6 +104,23 @@ def _print_hits(figures: dict[str, Any]) -> None:
     columns = {"dataset": "left"} | dict.fromkeys(right, "right")
     title = "Best hit within 1 m / 3 m in %; median error of its pose; `match` verdicts: precision, recall in %"
     print_table(title, columns, rows)
+
+
+def _print_poses(figures: dict[str, Any]) -> None:
+    shown = [(d["dataset"], d["methods"]["verified"]) for d in figures["datasets"]]
+    if len(shown) > 1:
+        shown.append(("mean", figures["mean"]["verified"]))
+    rows = []
+    for name, found in shown:
+        shares = [_number(found[key]) for key in ("pose_recall", "match_precision", "match_recall")]
+        wrong = [
+            f"{found[f'{kind}_matches']:g} of {found[kind]:g}" if found[kind] else "–"
+            for kind in ("unvisited", "elsewhere")
+        ]
+        rows.append([name, *shares, *wrong])
+    right = ("first hit", "match: right", "found", "match where never visited", "in other logs")
+    title = "What a robot needs: a pose within 1 m and 10° in %; `match` verdicts where each is wrong"
+    print_table(title, {"dataset": "left"} | dict.fromkeys(right, "right"), rows)
 
 
 def _number(value: float | None) -> str:

@@ -151,14 +151,14 @@ class State:
         self, text: Text, model: "MapWeighting", top: int, documents: Sequence[NDArray[np.int64]]
     ) -> "tuple[NDArray[np.int64], Scores]":
         from m2t_text.index.search.collection import collection
-        from m2t_text.index.search.top_k import Ranking
+        from m2t_text.index.search.top_k import TopK
 
-        measure = model.measure(text, collection(self.searcher, "text"))
+        scorer = model.text_scorer(text, collection(self.searcher, "text"))
         names = [leaf.name for leaf in self.leaves]
-        with Ranking(measure, dict(zip(names, documents, strict=True))) as ranking:
+        with TopK(scorer, dict(zip(names, documents, strict=True))) as top_k:
             if top:
-                return ranking.best(top)
-            return np.arange(sum(map(len, documents))), ranking.all()
+                return top_k.best(top)
+            return np.arange(sum(map(len, documents))), top_k.all()
 
     def matching(self, query: Query) -> list[NDArray[np.bool_]]:
         """Of each segment (D,) whether a Whoosh query matches."""

@@ -23,7 +23,7 @@ CANDIDATES = 4  # views whose overlap is measured, those with most votes; the be
 WORTH = 0.5  # of the votes of the best view, below which a view is not measured
 
 
-class Board(NamedTuple):
+class AgreementTables(NamedTuple):
     """A query made ready for `agree`.
 
     Attributes:
@@ -45,10 +45,26 @@ class Board(NamedTuple):
     near: NDArray[np.int32]
 
     @classmethod
-    def of(cls, seen: Views, window: int) -> "Board":
+    def of(cls, seen: Views, window: int) -> "AgreementTables":
         """Of a query with keypoints."""
         half = window + 2 * NEAR + 1 + int(max(np.abs(seen.wx).max(), np.abs(seen.wy).max()))
         return cls(window, half, seen.wx, seen.wy, *_prepare(seen.wx, seen.wy, seen.wa, half))
+
+
+class Drawn(NamedTuple):
+    """A map as its overlap is counted.
+
+    Attributes:
+        x, y, words: of its first ``size`` keypoints.
+        grid: (side, side) int32, ``stamp`` in the cells near them.
+    """
+
+    x: Any
+    y: Any
+    words: Any
+    size: Any
+    grid: Any
+    stamp: Any
 
 
 @numba.njit(cache=True, nogil=True)
@@ -106,14 +122,14 @@ def _within(votes: Any, window: Any, width: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def _vote(
-    wx: Any, wy: Any, wa: Any, count: Any, slots: Any, first: Any, flat: Any, half: Any, window: Any, votes: Any
-) -> None:
+def _vote(tables: AgreementTables, v: Any, one: Drawn, votes: Any) -> None:
     """votes[1 + offset in x, offset in y] of one map's keypoints and one view's; see `_voters` and `agree`."""
+    half, window, slots, first, flat = tables.half, tables.window, tables.slots, tables.first[v], tables.flat[v]
+    wx, wy, wa = one.x, one.y, one.words
     side = 2 * half
     width = 2 * side
     _within(votes, window, width)[:] = 0  # what lies beyond is never read
-    for k in range(count):
+    for k in range(one.size):
         slot, x, y = slots[wa[k]], wx[k] + half, wy[k] + half
         if slot >= 0 and -window <= x < side + window and 0 <= y < side:
             base = (x + window + 1) * width + y + side
@@ -147,7 +163,7 @@ def _peak(votes: Any, window: Any, width: Any) -> Any:
 
 @numba.njit(cache=True, nogil=True)
 def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
-    """The tables of a `Board`."""
+    """The tables of a `AgreementTables`."""
     count, size = query_x.shape
     side = 2 * half
     slots = np.full(WORDS, -1, dtype=np.int64)
@@ -167,20 +183,20 @@ def _prepare(query_x: Any, query_y: Any, query_a: Any, half: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def _improve(
-    board: Any, v: Any, dx: Any, dy: Any, wx: Any, wy: Any, size: Any, drawn: Any, stamp: Any,
-    k: Any, both: Any, matched: Any, found: Any,
-) -> None:  # fmt: skip
-    """Keeps the view moved by (dx, dy) as the result k, if more keypoints of both maps match than before."""
-    here = _covered(board.x[v], board.y[v], board.x.shape[1], dx, dy, board.half, drawn, stamp)
-    there = _covered(wx, wy, size, -dx, -dy, board.half, board.near[v], 1)
-    if here + there > both[k]:
-        both[k], matched[k] = here + there, min(here, there)
-        found[k, 0], found[k, 1], found[k, 2] = v, dx, dy
+def _improve(tables: AgreementTables, v: Any, dx: Any, dy: Any, one: Drawn, best: Any) -> None:
+    """Keeps the view moved by (dx, dy) as the best, if more keypoints of both maps match than before.
+
+    Args:
+        best: (5,) |Q'| + |M'|, min(|Q'|, |M'|), view, and offset in x and in y.
+    """
+    here = _covered(tables.x[v], tables.y[v], tables.x.shape[1], dx, dy, tables.half, one.grid, one.stamp)
+    there = _covered(one.x, one.y, one.size, -dx, -dy, tables.half, tables.near[v], 1)
+    if here + there > best[0]:
+        best[0], best[1], best[2], best[3], best[4] = here + there, min(here, there), v, dx, dy
 
 
 @numba.njit(cache=True, nogil=True)
-def agree(texts: Texts, documents: Any, board: Board, both: Any, matched: Any, found: Any) -> None:
+def agree(texts: Texts, documents: Any, tables: AgreementTables, both: Any, matched: Any, found: Any) -> None:
     """Measures how far some documents agree with a query. Results are in the order of ``documents``.
 
     Args:
@@ -190,7 +206,7 @@ def agree(texts: Texts, documents: Any, board: Board, both: Any, matched: Any, f
         matched: (K,) int32 result: min(|Q'|, |M'|).
         found: (K, 3) int32 result: best view, and the offset in x and in y by which its keypoints move.
     """
-    views, half, window = len(board.x), board.half, board.window
+    half, window, views = tables.half, tables.window, len(tables.x)
     side = 2 * half
     largest = np.int64(0)
     for document in documents:
@@ -199,29 +215,29 @@ def agree(texts: Texts, documents: Any, board: Board, both: Any, matched: Any, f
     wx, wy, wa = words[0], words[1], words[2]
     votes = np.zeros((2 * window + 3) * 2 * side, dtype=np.int32)
     peaks = np.zeros((views, 3), dtype=np.int64)
-    drawn = np.zeros((side, side), dtype=np.int32)  # the latest map is stamped with its number
+    grid = np.zeros((side, side), dtype=np.int32)  # the latest map is stamped with its number
+    best = np.zeros(5, dtype=np.int32)
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], wx, wy)
         words_of(texts, documents[k], size, wa)
+        one = Drawn(wx, wy, wa, size, grid, k + 1)
         for v in range(views):
-            _vote(wx, wy, wa, size, board.slots, board.first[v], board.flat[v], half, window, votes)
+            _vote(tables, v, one, votes)
             peaks[v, 0], peaks[v, 1], peaks[v, 2] = _peak(votes, window, 2 * side)
-        both[k], matched[k] = 0, 0
-        found[k] = 0
+        best[:] = 0
         most = peaks[:, 0].max()
-        if most == 0:
-            continue
-        for point in range(size):
-            _mark(drawn, wx[point], wy[point], half, k + 1)
-        for v in np.argsort(-peaks[:, 0], kind="mergesort")[:CANDIDATES]:
-            if peaks[v, 0] >= WORTH * most:
-                _improve(
-                    board, v, peaks[v, 1], peaks[v, 2], wx, wy, size, drawn, k + 1, k, both, matched, found
-                )
-        if not both[k]:  # the best view's cells lie at the border of the grid; its offset stands all the same
-            found[k, 0] = np.argmax(peaks[:, 0])
-            found[k, 1:] = peaks[found[k, 0], 1:]
-        best = found[k, 0]
-        for step in range(9):
-            dx, dy = peaks[best, 1] + step // 3 - 1, peaks[best, 2] + step % 3 - 1
-            _improve(board, best, dx, dy, wx, wy, size, drawn, k + 1, k, both, matched, found)
+        if most > 0:
+            for point in range(size):
+                _mark(grid, wx[point], wy[point], half, k + 1)
+            for v in np.argsort(-peaks[:, 0], kind="mergesort")[:CANDIDATES]:
+                if peaks[v, 0] >= WORTH * most:
+                    _improve(tables, v, peaks[v, 1], peaks[v, 2], one, best)
+            if not best[0]:  # its cells lie at the border of the grid; the offset stands all the same
+                best[2] = np.argmax(peaks[:, 0])
+                best[3], best[4] = peaks[best[2], 1], peaks[best[2], 2]
+            view = best[2]
+            for step in range(9):
+                dx, dy = peaks[view, 1] + step // 3 - 1, peaks[view, 2] + step % 3 - 1
+                _improve(tables, view, dx, dy, one, best)
+        both[k], matched[k] = best[0], best[1]
+        found[k, 0], found[k, 1], found[k, 2] = best[2], best[3], best[4]

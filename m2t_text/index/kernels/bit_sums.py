@@ -24,18 +24,18 @@ def _add(a: Any, b: Any, c: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def add_masks(masks: Any, count: Any, planes: Any, digit: Any) -> None:
-    """Adds the first ``count`` masks, a multiple of eight, to ``planes``, each as often as the digit says.
+def add_masks(masks: Any, count: Any, sums: Any, digit: Any) -> None:
+    """Adds the first ``count`` masks, a multiple of eight, to ``sums``, each as often as the digit says.
 
     Args:
         masks: (>= count, 4) uint64.
-        planes: (DIGITS, 4) uint64, the binary digits of the sums.
+        sums: (DIGITS, 4) uint64, the binary digits of the sums.
         digit: 0 to add each mask once, 1 twice, 2 four times, ...
     """
     d = U(digit)
-    p0, p1, p2 = at(planes, d), at(planes, d + U(1)), at(planes, d + U(2))
-    p3, p4, p5 = at(planes, d + U(3)), at(planes, d + U(4)), at(planes, d + U(5))
-    p6, p7, p8 = at(planes, d + U(6)), at(planes, d + U(7)), at(planes, d + U(8))
+    p0, p1, p2 = at(sums, d), at(sums, d + U(1)), at(sums, d + U(2))
+    p3, p4, p5 = at(sums, d + U(3)), at(sums, d + U(4)), at(sums, d + U(5))
+    p6, p7, p8 = at(sums, d + U(6)), at(sums, d + U(7)), at(sums, d + U(8))
     for block in range(U(count // 8)):
         k = block * U(8)
         p0, two_a = _add(p0, at(masks, k), at(masks, k + U(1)))
@@ -53,27 +53,27 @@ def add_masks(masks: Any, count: Any, planes: Any, digit: Any) -> None:
         p8, carried = p8 ^ carried, p8 & carried
         place = d + U(INNER)
         while some(carried):  # only sums of 512 and more come here
-            plane = at(planes, place)
-            put(planes, place, plane ^ carried)
+            plane = at(sums, place)
+            put(sums, place, plane ^ carried)
             carried = plane & carried
             place += U(1)
-    put(planes, d, p0)
-    put(planes, d + U(1), p1)
-    put(planes, d + U(2), p2)
-    put(planes, d + U(3), p3)
-    put(planes, d + U(4), p4)
-    put(planes, d + U(5), p5)
-    put(planes, d + U(6), p6)
-    put(planes, d + U(7), p7)
-    put(planes, d + U(8), p8)
+    put(sums, d, p0)
+    put(sums, d + U(1), p1)
+    put(sums, d + U(2), p2)
+    put(sums, d + U(3), p3)
+    put(sums, d + U(4), p4)
+    put(sums, d + U(5), p5)
+    put(sums, d + U(6), p6)
+    put(sums, d + U(7), p7)
+    put(sums, d + U(8), p8)
 
 
 @numba.njit(cache=True, nogil=True)
-def largest(planes: Any, among: Any) -> Any:
+def largest(sums: Any, among: Any) -> Any:
     """The largest of the sums whose bits ``among`` has in any lane."""
     left, value = every(U(among)), 0
     for digit in range(DIGITS - 1, -1, -1):
-        higher = left & at(planes, U(digit))
+        higher = left & at(sums, U(digit))
         if some(higher):
             left = higher
             value += 1 << digit
@@ -81,11 +81,11 @@ def largest(planes: Any, among: Any) -> Any:
 
 
 @numba.njit(inline="always")
-def at_least(planes: Any, number: Any) -> Any:
+def at_least(sums: Any, number: Any) -> Any:
     """A mask of the sums that reach a number; it is not negative."""
     greater, equal = every(U(0)), every(~U(0))
     for digit in range(DIGITS - 1, -1, -1):
-        plane = at(planes, U(digit))
+        plane = at(sums, U(digit))
         if (number >> digit) & 1:
             equal = equal & plane
         else:

@@ -94,7 +94,7 @@ def _mark_coarse(x: Any, y: Any, size: Any, taken: Any, places: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def coarse_windows(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
+def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
     """The windows of a map (as bytes) in which a group of the query's keypoints in cell g is looked up.
 
     Cell g tells of keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
@@ -126,7 +126,7 @@ def coarse_windows(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True)
-def fine_windows(x: Any, y: Any, size: Any, scratch: Any) -> Any:
+def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any) -> Any:
     """The windows of a map (as bytes) in which a keypoint of the query is looked up.
 
     A cell is taken if a keypoint lies in it or next to it.

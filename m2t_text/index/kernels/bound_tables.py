@@ -18,7 +18,7 @@ LIMIT = 126  # cells; keypoints of the query beyond count as matched: the coarse
 MARGIN = 14  # cells about the query in which a mask is not empty
 
 
-class Bounder(NamedTuple):
+class CoarseTables(NamedTuple):
     """A query made ready for coarse bounds; its V views lie in the lanes of G groups.
 
     Attributes:
@@ -40,7 +40,7 @@ class Bounder(NamedTuple):
     begins: NDArray[np.int64]
 
     @classmethod
-    def of(cls, seen: Views) -> "Bounder":
+    def of(cls, seen: Views) -> "CoarseTables":
         """Of a query with keypoints."""
         near = _near(seen)
         x, y = seen.wx[:, near], seen.wy[:, near]
@@ -50,11 +50,11 @@ class Bounder(NamedTuple):
         return cls(half, _tables(seen, half, far, FIRST, STEP), len(near), far, *_grouped(x, y))
 
 
-class FineBounder(NamedTuple):
+class FineTables(NamedTuple):
     """What a query needs for fine bounds beside.
 
     Attributes:
-        masks: (G, 4 half² + 2, LANES) uint64, as those of the `Bounder`.
+        masks: (G, 4 half² + 2, LANES) uint64, as those of the `CoarseTables`.
         cells: (G, P, LANES) int64 places in the fine windows of the query's keypoints, filled up to eights.
     """
 
@@ -62,12 +62,12 @@ class FineBounder(NamedTuple):
     cells: NDArray[np.int64]
 
     @classmethod
-    def of(cls, seen: Views, bounder: Bounder) -> "FineBounder":
+    def of(cls, seen: Views, coarse: CoarseTables) -> "FineTables":
         """Of a query with keypoints."""
         near = _near(seen)
         places = FINE.places(seen.wx[:, near], seen.wy[:, near])
         cells = [_in_lanes(list(places[g : g + LANES]), FINE.empty) for g in range(0, len(places), LANES)]
-        return cls(_tables(seen, bounder.half, bounder.far, 0, 1), np.stack(cells))
+        return cls(_tables(seen, coarse.half, coarse.far, 0, 1), np.stack(cells))
 
 
 def _near(seen: Views) -> NDArray[np.bool_]:
@@ -84,7 +84,7 @@ def _tables(seen: Views, half: int, far: int, first: int, step: int) -> NDArray[
 
 
 def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The coarse cells of a `Bounder`, and where their parts begin."""
+    """The coarse cells of a `CoarseTables`, and where their parts begin."""
     steps = (WINDOW + 2) // STEP
     counted = [
         np.unique(row, return_counts=True) for row in COARSE.places(x // STEP - steps, y // STEP - steps)

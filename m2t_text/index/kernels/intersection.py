@@ -23,7 +23,7 @@ BITS = 64  # keypoints of the query in one machine word
 U = np.uint64
 
 
-class Tables(NamedTuple):
+class IntersectionTables(NamedTuple):
     """A query made ready for `intersect`.
 
     Attributes:
@@ -40,7 +40,7 @@ class Tables(NamedTuple):
     near: NDArray[np.uint64]
 
     @classmethod
-    def of(cls, text: Text, window: int) -> "Tables":
+    def of(cls, text: Text, window: int) -> "IntersectionTables":
         """Of a query, for matches within ``window`` cells."""
         reach = max((int(np.abs(w.astype(np.int64)).max(initial=0)) for w in (text.wx, text.wy)), default=0)
         half = reach + window + 2
@@ -114,7 +114,14 @@ def _many_matches(
 
 @numba.njit(cache=True, nogil=True)
 def intersect(
-    texts: Texts, documents: Any, tables: Tables, weights: Any, turns: Any, needed: Any, count: Any, score: Any
+    texts: Texts,
+    documents: Any,
+    tables: IntersectionTables,
+    weights: Any,
+    turns: Any,
+    needed: Any,
+    count: Any,
+    score: Any,
 ) -> None:
     """The intersection with each document under each quarter turn of the query.
 

@@ -1,16 +1,15 @@
 """Scores and their bounds: what a query's weighting asks of the compiled code."""
 
 import threading
-from collections.abc import Callable
-from typing import Any, TypeVar
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import Text
 from m2t_text.index.kernels import agreement, bounds, intersection
-from m2t_text.index.kernels.bitmaps import COARSE, FINE, Grid, Scratch
-from m2t_text.index.kernels.bound_tables import WINDOW, Bounder, FineBounder
+from m2t_text.index.kernels.bitmaps import COARSE, FINE
+from m2t_text.index.kernels.bound_tables import WINDOW, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.kernels.views import QUARTER, Views, views
@@ -18,17 +17,15 @@ from m2t_text.index.search.collection import Collection
 from m2t_text.util.types import Floats
 
 Documents = NDArray[np.int64]
-Counts = NDArray[np.int32]
-Made = TypeVar("Made")
 
 REACH = 400  # cells; a query's keypoints farther from its viewpoint match nothing, and cost no memory
 ROUNDING = 1 - 1e-12  # of a sum that is needed to reach a quotient
 
 
-class WordMeasure:
+class WordScorer:
     """What bags of words and their filtered intersection have in common."""
 
-    promises_bounds = True
+    estimates_are_bounds = True
 
     def __init__(self, text: Text, whole: Collection, weighted: bool) -> None:
         self.text = text
@@ -45,7 +42,7 @@ class WordMeasure:
         norms = np.sqrt(self._own * self.whole.norms[name][documents])
         return np.where(norms > 0, norms, 1.0)
 
-    def promise(self, name: str, documents: Documents) -> Floats:
+    def estimate(self, name: str, documents: Documents) -> Floats:
         return self.bound(name, documents)
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
@@ -53,7 +50,7 @@ class WordMeasure:
         intersection.bounds(self.texts(name), documents, self.counts, self.weights, sums)
         return sums / self.norms(name, documents)
 
-    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
+    def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
         return np.full(len(documents), np.inf)  # nothing better is known
 
     def texts(self, name: str) -> Texts:
@@ -61,16 +58,16 @@ class WordMeasure:
         return self.whole.segments[name].texts
 
 
-class BagMeasure(WordMeasure):
+class BagScorer(WordScorer):
     """The paper's baseline without pose words (III-C)."""
 
-    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+    def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
         count, sums = np.zeros(len(documents), dtype=np.int32), np.zeros(len(documents))
         intersection.bags(self.texts(name), documents, self.counts, self.weights, count, sums)
         return Scores(sums / self.norms(name, documents), count, np.zeros((len(documents), 3)))
 
 
-class IntersectionMeasure(WordMeasure):
+class IntersectionScorer(WordScorer):
     """The filtered histogram intersection under several turns (IV-D)."""
 
     def __init__(
@@ -78,9 +75,9 @@ class IntersectionMeasure(WordMeasure):
     ) -> None:
         super().__init__(text, whole, weighted)
         self._turns = np.isin(np.arange(intersection.TURNS), turns)
-        self._tables = intersection.Tables.of(text, window)
+        self._tables = intersection.IntersectionTables.of(text, window)
 
-    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+    def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
         shape = (len(documents), intersection.TURNS)
         count, sums = np.zeros(shape, dtype=np.int32), np.zeros(shape)
         norms = self.norms(name, documents)
@@ -96,10 +93,24 @@ class IntersectionMeasure(WordMeasure):
         return Scores(sums[rows, turn] / norms, count[rows, turn], alignment)
 
 
-class AgreementMeasure:
+class CoarseScratch(threading.local):
+    """Room for a map on the coarse grid, kept by each thread from one call to the next."""
+
+    def __init__(self) -> None:
+        self.room = COARSE.scratch()
+
+
+class FineScratch(threading.local):
+    """Room for a map on the fine grid, kept by each thread from one call to the next."""
+
+    def __init__(self) -> None:
+        self.room = FINE.scratch()
+
+
+class AgreementScorer:
     """The share of keypoints that match at the agreed offset."""
 
-    promises_bounds = False
+    estimates_are_bounds = False
 
     def __init__(
         self, text: Text, whole: Collection, window: int, turns: tuple[int, ...], directions: int
@@ -111,71 +122,63 @@ class AgreementMeasure:
         near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0, initial=0) <= REACH
         cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
         self._seen = Views(seen.angles, *cells)
-        self._rooms = threading.local()
-        self._made: dict[str, Any] = {}
-        self._lock = threading.RLock()
+        self._coarse_scratch = CoarseScratch()
+        self._fine_scratch = FineScratch()
 
-    @property
-    def _board(self) -> agreement.Board:
-        return self._once("board", lambda: agreement.Board.of(self._seen, self._window))
+    # Tables are made when first used: verification needs no bounds, most searches no fine ones.
 
-    @property
-    def _bounder(self) -> Bounder:
-        return self._once("bounder", lambda: Bounder.of(self._seen))
+    @cached_property
+    def _tables(self) -> agreement.AgreementTables:
+        return agreement.AgreementTables.of(self._seen, self._window)
 
-    @property
-    def _finer(self) -> FineBounder:
-        return self._once("finer", lambda: FineBounder.of(self._seen, self._bounder))
+    @cached_property
+    def _coarse(self) -> CoarseTables:
+        return CoarseTables.of(self._seen)
 
-    def _once(self, name: str, make: Callable[[], Made]) -> Made:
-        """What the first thread that needs it makes, while the others wait."""
-        with self._lock:
-            if name not in self._made:
-                self._made[name] = make()
-            made: Made = self._made[name]
-            return made
+    @cached_property
+    def _fine(self) -> FineTables:
+        return FineTables.of(self._seen, self._coarse)
 
-    def promise(self, name: str, documents: Documents) -> Floats:
+    def estimate(self, name: str, documents: Documents) -> Floats:
         shares = np.zeros(len(documents))
         if len(self._seen.wa):
-            bounds.glances(self._texts(name), documents, self._bounder, shares)
+            bounds.sampled_shares(self._texts(name), documents, self._coarse, shares)
         return shares
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
-        def coarse(needed: Counts, most: Counts) -> None:
-            room = self._room(COARSE)
-            bounds.coarse_bounds(self._texts(name), documents, self._bounder, needed, room, most)
+        if not self._bounded:
+            return np.full(len(documents), float(len(self._seen.wa) > 0))
+        needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
+        room = self._coarse_scratch.room
+        bounds.coarse_bounds(self._texts(name), documents, self._coarse, needed, room, most)
+        return most / self._sizes(name, documents)
 
-        return self._bounded(coarse, name, documents, threshold)
+    def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
+        if not self._bounded:
+            return np.full(len(documents), float(len(self._seen.wa) > 0))
+        needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
+        rooms = self._coarse_scratch.room, self._fine_scratch.room
+        bounds.fine_bounds(self._texts(name), documents, self._coarse, self._fine, needed, *rooms, most)
+        return most / self._sizes(name, documents)
 
-    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
-        def fine(needed: Counts, most: Counts) -> None:
-            query, rooms = (self._bounder, self._finer), (self._room(COARSE), self._room(FINE))
-            bounds.fine_bounds(self._texts(name), documents, *query, needed, *rooms, most)
+    @property
+    def _bounded(self) -> bool:
+        """Whether there is more to say than that a share is at most 1."""
+        return len(self._seen.wa) > 0 and self._window <= WINDOW
 
-        return self._bounded(fine, name, documents, threshold)
-
-    def _bounded(
-        self, bound: Callable[[Counts, Counts], None], name: str, documents: Documents, threshold: float
-    ) -> Floats:
-        """Bounds of scores, by one of |Q'| + |M'| that, for what is needed, writes the most there may be."""
-        if not len(self._seen.wa):
-            return np.zeros(len(documents))
-        if self._window > WINDOW:
-            return np.ones(len(documents))
+    def _needed(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
+        """The least |Q'| + |M'| with which documents reach the threshold."""
         sizes = self._sizes(name, documents)
         needed = np.ceil(threshold * sizes)
         needed -= (needed - 1) / sizes >= threshold  # where rounding went up
-        most = np.zeros(len(documents), dtype=np.int32)
-        bound(needed.astype(np.int32), most)
-        return most / sizes
+        return needed.astype(np.int32)
 
-    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+    def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
         if not len(self._seen.wa) or not len(documents):
             return Scores.none(len(documents))
         both, matched = np.zeros(len(documents), dtype=np.int32), np.zeros(len(documents), dtype=np.int32)
         found = np.zeros((len(documents), 3), dtype=np.int32)
-        agreement.agree(self._texts(name), documents, self._board, both, matched, found)
+        agreement.agree(self._texts(name), documents, self._tables, both, matched, found)
         alignment = np.column_stack([found[:, 1:], self._seen.angles[found[:, 0]]])
         return Scores(both / self._sizes(name, documents), matched, alignment)
 
@@ -186,10 +189,3 @@ class AgreementMeasure:
         """|Q| + |M| of documents."""
         starts = self._texts(name).starts
         return self._size + starts[documents + 1] - starts[documents]
-
-    def _room(self, grid: Grid) -> Scratch:
-        """Room for a map on this grid, kept by each thread from one call to the next."""
-        rooms = self._rooms.__dict__.setdefault("rooms", {})
-        if grid not in rooms:
-            rooms[grid] = grid.scratch()
-        return rooms[grid]

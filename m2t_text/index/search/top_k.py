@@ -19,42 +19,42 @@ GROWTH = 4  # of batches
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
 
-class Measure(Protocol):
+class Scorer(Protocol):
     """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
 
     @property
-    def promises_bounds(self) -> bool:
-        """Whether what is promised are bounds already."""
+    def estimates_are_bounds(self) -> bool:
+        """Whether `estimate` returns upper bounds already."""
 
-    def promise(self, name: str, documents: Documents) -> Floats:
-        """A guess of what documents (K,) may score, to begin with the best; a wrong one only costs time."""
+    def estimate(self, name: str, documents: Documents) -> Floats:
+        """A guess of the scores of documents (K,), which decides where to begin; it may be wrong."""
 
     def bound(self, name: str, documents: Documents, threshold: float) -> Floats:
-        """What the scores of documents (K,) cannot exceed; below the threshold it may be 0."""
+        """Upper bounds of the scores of documents (K,); those below the threshold may be 0."""
 
-    def tighten(self, name: str, documents: Documents, threshold: float) -> Floats:
-        """The same, tighter; of a score below the threshold anything below the threshold may be told."""
+    def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
+        """Tighter bounds; where the score is below the threshold, any value below the threshold will do."""
 
-    def measure(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
+    def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
         """The scores of documents (K,); below the threshold they may be 0."""
 
 
-class Ranking:
+class TopK:
     """The documents that a search chooses from, worked on by threads. To be used in a ``with`` block.
 
     Args:
-        measure: of the query.
+        scorer: of the query.
         allowed: documents (K,) of each segment that may be found.
     """
 
-    def __init__(self, measure: Measure, allowed: Mapping[str, Documents]) -> None:
-        self._measure = measure
+    def __init__(self, scorer: Scorer, allowed: Mapping[str, Documents]) -> None:
+        self._scorer = scorer
         self._names = list(allowed)
         self._begins = np.cumsum([0, *[len(part) for part in allowed.values()]])
         self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
         self._threads = ThreadPoolExecutor(cores(None))
 
-    def __enter__(self) -> "Ranking":
+    def __enter__(self) -> "TopK":
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -71,13 +71,13 @@ class Ranking:
         whatever else there is has a bound below ``top`` scores.
         """
         every = np.arange(len(self._documents))
-        promise = _joined(self._each(self._measure.promise, every))
-        done = _largest(promise, 2 * top)
+        estimate = _joined(self._each(self._scorer.estimate, every))
+        done = _largest(estimate, 2 * top)
         scores = self._scores(done, 0.0)
         last = _last(scores, top)
-        bounds = promise
-        if not self._measure.promises_bounds:
-            bounds = _joined(self._each(self._measure.bound, every, last))
+        bounds = estimate
+        if not self._scorer.estimates_are_bounds:
+            bounds = _joined(self._each(self._scorer.bound, every, last))
         bounds[done] = 0.0
         rest = np.flatnonzero((bounds > 0) & (bounds >= last))
         rest = rest[_descending(bounds[rest])]
@@ -86,7 +86,7 @@ class Ranking:
             # Batches grow: few of them, and what the first ones find spares a close look at the later ones.
             batch, rest = np.split(rest, [size])
             size *= GROWTH
-            tight = _joined(self._each(self._measure.tighten, np.sort(batch), last))
+            tight = _joined(self._each(self._scorer.fine_bound, np.sort(batch), last))
             promising = np.sort(batch)[tight >= last]
             scores = Scores.joined([scores, self._scores(promising, last)])
             done = np.append(done, promising)
@@ -99,7 +99,7 @@ class Ranking:
         order = np.argsort(places)
         back = np.empty(len(places), dtype=np.int64)
         back[order] = np.arange(len(places))
-        return Scores.joined(self._each(self._measure.measure, places[order], threshold))[back]
+        return Scores.joined(self._each(self._scorer.score, places[order], threshold))[back]
 
     def _each(self, work: Callable[..., Part], places: NDArray[np.int64], *arguments: float) -> Sequence[Part]:
         """What the work gives for ascending places, part by part of one segment each."""

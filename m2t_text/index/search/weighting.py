@@ -12,8 +12,8 @@ from m2t_text.description.text import Text
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.search.collection import Collection, Segment, collection, segment_name
-from m2t_text.index.search.scorers import AgreementMeasure, BagMeasure, IntersectionMeasure
-from m2t_text.index.search.top_k import Measure, Ranking
+from m2t_text.index.search.scorers import AgreementScorer, BagScorer, IntersectionScorer
+from m2t_text.index.search.top_k import Scorer, TopK
 
 Method = Literal["m2t", "bow"]
 
@@ -36,10 +36,10 @@ class MapWeighting(WeightingModel):
             return NoScore()
         whole, name = collection(searcher, fieldname), segment_name(searcher.reader())
         documents = np.arange(len(whole.segments[name].live))
-        with Ranking(self.measure(text, whole), {name: documents}) as ranking:
-            return MapScorer(ranking.all(), whole.segments[name].live)
+        with TopK(self.text_scorer(text, whole), {name: documents}) as top_k:
+            return MapScorer(top_k.all(), whole.segments[name].live)
 
-    def measure(self, text: Text, whole: Collection) -> Measure:
+    def text_scorer(self, text: Text, whole: Collection) -> Scorer:
         """How well a text fits the maps of a collection."""
         raise NotImplementedError
 
@@ -59,10 +59,10 @@ class HistogramIntersection(MapWeighting):
     turns: tuple[int, ...] = (0, 1, 2, 3)
     weighted: bool = True
 
-    def measure(self, text: Text, whole: Collection) -> Measure:
+    def text_scorer(self, text: Text, whole: Collection) -> Scorer:
         if self.window is None:
-            return BagMeasure(text, whole, self.weighted)
-        return IntersectionMeasure(text, whole, self.window, self.turns, self.weighted)
+            return BagScorer(text, whole, self.weighted)
+        return IntersectionScorer(text, whole, self.window, self.turns, self.weighted)
 
 
 @dataclass(frozen=True)
@@ -82,16 +82,16 @@ class OffsetAgreement(MapWeighting):
     turns: tuple[int, ...] = (0, 1, 2, 3)
     directions: int = 3
 
-    def measure(self, text: Text, whole: Collection) -> Measure:
-        return AgreementMeasure(text, whole, self.window, self.turns, self.directions)
+    def text_scorer(self, text: Text, whole: Collection) -> Scorer:
+        return AgreementScorer(text, whole, self.window, self.turns, self.directions)
 
 
 def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:
     """How far each of some packed texts agrees with a query on one offset."""
     live = np.ones(texts.documents, dtype=np.bool_)
     whole = Collection({"": Segment(texts, live)}, texts.documents)
-    with Ranking(model.measure(text, whole), {"": np.arange(texts.documents)}) as ranking:
-        return ranking.all()
+    with TopK(model.text_scorer(text, whole), {"": np.arange(texts.documents)}) as top_k:
+        return top_k.all()
 
 
 class NoScore(BaseScorer):

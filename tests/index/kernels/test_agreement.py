@@ -94,7 +94,7 @@ def test_any_choice_of_documents_gives_what_all_give():
     stored = texts_of(*(random_text(rng, 40, span=30, words=6) for _ in range(300)))
     query = random_text(rng, 50, span=30, words=6)
     whole = agreed(stored, query, OffsetAgreement())
-    board = agreement.Board.of(views(query, (0, 1, 2, 3), 3), 10)
+    board = agreement.AgreementTables.of(views(query, (0, 1, 2, 3), 3), 10)
     for chosen in (np.arange(120, 300), np.array([7]), rng.permutation(300)):
         both, matched = np.zeros(len(chosen), dtype=np.int32), np.zeros(len(chosen), dtype=np.int32)
         found = np.zeros((len(chosen), 3), dtype=np.int32)

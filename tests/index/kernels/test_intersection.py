@@ -25,7 +25,7 @@ def counted(query: Text, *maps: Text, window: int | None = 10) -> np.ndarray:
         assert np.array_equal(count, score)
         return count[:, None]
     count, score = np.zeros((len(maps), 4), dtype=np.int32), np.zeros((len(maps), 4))
-    tables = intersection.Tables.of(query, window)
+    tables = intersection.IntersectionTables.of(query, window)
     intersection.intersect(texts, documents, tables, ONES, ALL_TURNS, np.zeros(len(maps)), count, score)
     assert np.array_equal(count, score)
     most = np.zeros(len(maps))
@@ -90,7 +90,7 @@ def test_what_is_needed_is_measured_whatever_else_is_left_out(needed):
     whole = counted(maps[9], *maps)
     chosen = np.random.default_rng(0).permutation(60)[:40]
     count, score = np.zeros((40, 4), dtype=np.int32), np.zeros((40, 4))
-    tables = intersection.Tables.of(maps[9], 10)
+    tables = intersection.IntersectionTables.of(maps[9], 10)
     intersection.intersect(
         Texts.of(maps), chosen, tables, ONES, ALL_TURNS, np.full(40, float(needed)), count, score
     )

@@ -33,15 +33,15 @@ def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: 
     seen = views(query, turns, directions)
     both, matched = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
     found, coarse = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
-    agreement.agree(texts, documents, agreement.Board.of(seen, 10), both, matched, found)
-    bounder = bound_tables.Bounder.of(seen)
+    agreement.agree(texts, documents, agreement.AgreementTables.of(seen, 10), both, matched, found)
+    bounder = bound_tables.CoarseTables.of(seen)
     bounds.coarse_bounds(texts, documents, bounder, np.zeros_like(both), COARSE.scratch(), coarse)
     early = np.zeros_like(coarse)
     bounds.coarse_bounds(texts, documents, bounder, both + 1, COARSE.scratch(), early)
     assert ((early == coarse) | (early == 0)).all()
     needed = np.maximum(np.full(len(maps), int(np.median(both)), dtype=np.int32), 1)
     fine = np.zeros(len(maps), dtype=np.int32)
-    finer = bound_tables.FineBounder.of(seen, bounder)
+    finer = bound_tables.FineTables.of(seen, bounder)
     bounds.fine_bounds(texts, documents, bounder, finer, needed, COARSE.scratch(), FINE.scratch(), fine)
     return both, coarse, fine, needed
 

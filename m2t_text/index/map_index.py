@@ -15,7 +15,7 @@ from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
-from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
+from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
 from m2t_text.index.snapshot import State
 from m2t_text.index.writing.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
 from m2t_text.index.writing.map_writer import MapWriter, other_parameters, writing
@@ -175,6 +175,35 @@ class MapIndex:
             for place in state.places():
                 if dataset is None or place.dataset == dataset:
                     yield place.document(text=True)
+
+    def overview(self) -> Overview:
+        """All maps without their texts, as arrays."""
+        with self._reading() as state:
+            return state.overview
+
+    def numbered(self, numbers: Iterable[int]) -> Iterator[Document]:
+        """The maps of these numbers, which an `overview` of the same state gave; pin the index before."""
+        with self._reading() as state:
+            for number in numbers:
+                yield state.numbered(number)
+
+    def matching(self, query: Query | str) -> NDArray[np.bool_]:
+        """(M,) which maps match a query of Whoosh, or in its query language, in the order of `overview`.
+
+        Raises:
+            QueryError: if it is not in the query language.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.MapIndex.open("indexes/default")
+            >>> int(index.matching("first_scan:[40 TO 49]").sum())
+            10
+        """
+        parsed = self.parse(query) if isinstance(query, str) else query
+        with self._reading() as state:
+            found = np.concatenate([np.zeros(0, dtype=np.bool_), *state.matching(parsed)])
+            matches: NDArray[np.bool_] = found[state.overview.numbers]
+            return matches
 
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""

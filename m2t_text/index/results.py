@@ -1,7 +1,8 @@
 """What an index answers: hits, and summaries of what it holds."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,3 +52,35 @@ class IndexInfo:
     keypoints: int
     bytes: int
     datasets: list[DatasetSummary]
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of ``info --json``."""
+        return {
+            "path": str(self.path),
+            "profile": self.parameters.profile,
+            "parameters": asdict(self.parameters),
+            "maps": self.maps,
+            "keypoints": self.keypoints,
+            "bytes": self.bytes,
+            "datasets": [asdict(dataset) for dataset in self.datasets],
+        }
+
+
+@dataclass(frozen=True)
+class Overview:
+    """All maps of one committed state without their texts, as arrays: by dataset, then by first scan.
+
+    Attributes:
+        names: of the datasets, in alphabetical order.
+        codes: (M,) each map's dataset, as an index into ``names``.
+        records: (M,) of each map what its document holds but for dataset and text, under the same names.
+        numbers: (M,) of each map among the documents of all segments.
+    """
+
+    names: list[str]
+    codes: NDArray[np.int64]
+    records: NDArray[Any]
+    numbers: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.codes)

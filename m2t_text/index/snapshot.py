@@ -11,7 +11,8 @@ from whoosh.query import Query
 
 from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text
-from m2t_text.index.schema import from_record
+from m2t_text.index.results import Overview
+from m2t_text.index.schema import RECORD, from_record
 from m2t_text.index.search.collection import live_documents
 
 if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching needs them
@@ -170,6 +171,25 @@ class State:
         """The map of this id with its text, or None."""
         number = self.searcher.document_number(map_id=map_id)
         return None if number is None else self._place(number).document(text=True)
+
+    @cached_property
+    def overview(self) -> Overview:
+        """All live maps without their texts."""
+        names = list(self.maps())
+        known = {name: code for code, name in enumerate(names)}
+        parts = [
+            np.array([known.get(name, -1) for name in leaf.datasets.names])[leaf.datasets.codes]
+            for leaf in self.leaves
+        ]
+        codes = self._all(parts, np.int64)
+        records = self._all([leaf.records for leaf in self.leaves], RECORD)
+        numbers = np.flatnonzero(self._all([leaf.live for leaf in self.leaves], np.bool_))
+        order = numbers[np.lexsort((records["first_scan"][numbers], codes[numbers]))]
+        return Overview(names, codes[order], records[order], order)
+
+    def numbered(self, number: int) -> Document:
+        """The map of this number among the documents of all segments, with its text."""
+        return self._place(number).document(text=True)
 
     def places(self) -> Iterator[Place]:
         """All maps in the order of ids."""

@@ -107,9 +107,33 @@ def search(
     begin = perf_counter()
     index = index.pinned()
     query = resolve(target, Context(index.parameters, index, reading or SourceOptions(), options.run))
+    return answer(query, index, options, perf_counter() - begin)
+
+
+def answer(query: Query, index: MapIndex, options: SearchOptions, described: float = 0.0) -> Answer:
+    """Finds the maps of the index that show what a query shows; it took ``described`` seconds to make.
+
+    Raises:
+        QueryError: if there is nothing to search for.
+    """
     if not len(query.text):
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
-    described = perf_counter() - begin
     index.model()  # loads the compiled code, which is no part of any one search
     exclude = query.excluding(options.exclude_travel)
     return Answer(query, index, find(index, query, options.top, exclude, options.verify), described)
+
+
+def inspection(query: Query, cell: float) -> dict[str, Any]:
+    """The document of ``inspect --json``. A text alone is its own map, seen from its viewpoint."""
+    text, document = query.text, query.document
+    centre = text.positions().mean(axis=0) * cell if document is None else document.centre_of_gravity
+    return {
+        "map_id": document.map_id if document else None,
+        "text": str(text),
+        "keypoints": len(text),
+        "words": text.words,
+        "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
+        "centre_of_gravity": centre.tolist(),
+        "points": document.points if document else len(text),
+        "travel": document.travel.tolist() if document and document.driven else None,
+    }

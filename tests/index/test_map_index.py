@@ -327,3 +327,22 @@ def test_parameters_survive(profile, tmp_path):
     index.replace("a", random_documents(0, "a", 2))
     index.replace("b", random_documents(0, "b", 2))
     assert MapIndex.open(tmp_path).parameters == PROFILES[profile]
+
+
+def test_an_overview_has_every_live_map_once_and_in_order(index):
+    """Also where segments hold maps that were deleted since, and names do not sort as ids do."""
+    for name, seed, maps in (("b", 1, 6), ("a b", 2, 4), ("a", 3, 5), ("b", 4, 3)):
+        index.replace(name, random_documents(seed, name, maps))
+    overview = index.overview()
+    assert overview.names == ["a", "a b", "b"] and len(overview) == 12
+    listed = list(index.pinned().numbered(overview.numbers.tolist()))
+    order = sorted(index.documents(), key=lambda one: (one.dataset, one.first_scan))
+    assert all(same(one, other) for one, other in zip(listed, order, strict=True))
+    for one, code, record in zip(listed, overview.codes, overview.records, strict=True):
+        assert overview.names[code] == one.dataset and record["pose"].tolist() == one.pose.tolist()
+    chosen = index.matching("dataset:b")
+    assert [one.dataset == "b" for one in listed] == chosen.tolist()
+
+
+def test_an_overview_of_nothing_is_empty(index):
+    assert len(index.overview()) == 0 and index.overview().names == []

@@ -1,7 +1,6 @@
 """The command `info`."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,7 @@ def info(context: typer.Context, index: IndexOption = DEFAULT_INDEX, as_json: Js
     unnamed = source is not None and source.name == "DEFAULT"
     beside = indexes_in(index.parent) if unnamed else []
     if as_json:
-        document = summary(MapIndex.open(index).info())
+        document = MapIndex.open(index).info().to_json()
         print_json(document | {"indexes": listing(beside)} if unnamed else document)
         return
     if index.exists() or not beside:
@@ -60,19 +59,6 @@ def _print_indexes(folder: Path, indexes: "list[IndexInfo | Unreadable]") -> Non
             note(f"warning: {one.path}: {one.reason}")
     columns = {"index": "left", "profile": "left"} | dict.fromkeys(("datasets", "maps", "size (MB)"), "right")
     print_table(f"{len(indexes)} indexes in {folder}; --index names one", columns, rows)
-
-
-def summary(info: "IndexInfo") -> dict[str, Any]:
-    """The document of ``info --json``."""
-    return {
-        "path": str(info.path),
-        "profile": info.parameters.profile,
-        "parameters": asdict(info.parameters),
-        "maps": info.maps,
-        "keypoints": info.keypoints,
-        "bytes": info.bytes,
-        "datasets": [asdict(dataset) for dataset in info.datasets],
-    }
 
 
 def listing(indexes: "Sequence[IndexInfo | Unreadable]") -> list[dict[str, Any]]:

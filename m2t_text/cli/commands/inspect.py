@@ -1,7 +1,7 @@
 """The command `inspect`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,7 +23,6 @@ from m2t_text.cli.options import (
 
 if TYPE_CHECKING:
     from m2t_text.index.map_index import MapIndex
-    from m2t_text.recognition.queries import Query
 
 
 def inspect(
@@ -49,6 +48,7 @@ def inspect(
     """
     from m2t_text.config import PROFILES
     from m2t_text.logs import Topics
+    from m2t_text.recognition.answer import inspection
     from m2t_text.recognition.queries import Context, resolve
     from m2t_text.sources.opening import SourceOptions
 
@@ -67,22 +67,6 @@ def inspect(
         print_json(inspection(found, parameters.mapping.cell))
     else:
         print(found.text)
-
-
-def inspection(query: "Query", cell: float) -> dict[str, Any]:
-    """The document of ``inspect --json``. A text alone is its own map, seen from its viewpoint."""
-    text, document = query.text, query.document
-    centre = text.positions().mean(axis=0) * cell if document is None else document.centre_of_gravity
-    return {
-        "map_id": document.map_id if document else None,
-        "text": str(text),
-        "keypoints": len(text),
-        "words": text.words,
-        "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
-        "centre_of_gravity": centre.tolist(),
-        "points": document.points if document else len(text),
-        "travel": document.travel.tolist() if document and document.driven else None,
-    }
 
 
 def _if_any(index: Path) -> "MapIndex | None":

@@ -159,6 +159,4 @@ def optimize(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) ->
 
 def _print_summary(index: "MapIndex", more: dict[str, object]) -> None:
     """What `info --json` prints of the index, and what was done."""
-    from m2t_text.cli.commands.info import summary
-
-    print_json(summary(index.info()) | more)
+    print_json(index.info().to_json() | more)

@@ -106,8 +106,7 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: SourceProgress) -> De
     scan = drawn[len(drawn) // 2].first_scan
     best = search(f"{folder}/{second.name}.log#{scan}", index, SearchOptions())
     shown = [(found, index.document(found.hit.map_id).text) for found in best.finding.results[:SHOWN]]
-    tolerance = index.parameters.matching.tolerance
-    plot_match(best.query.text, best.query.title, shown, tolerance, folder / "match.png")
+    plot_match(best.query.text, best.query.title, shown, index.parameters, folder / "match.png")
     return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, sure, best, seconds)
 
 

@@ -21,6 +21,7 @@ class Pair:
         found_text: as it is.
         alignment: (3,) pose of the query's viewpoint in the other's frame there, metres and radians.
         tolerance: cells by which matched keypoints may differ there.
+        cell: metres, the step of both texts' pose words.
         scores: by method.
         relevant: whether both show the same place.
     """
@@ -31,6 +32,7 @@ class Pair:
     found_text: Text
     alignment: Floats
     tolerance: int
+    cell: float
     scores: dict[str, float]
     relevant: bool
 
@@ -54,6 +56,6 @@ def examples(index: MapIndex, truth: GroundTruth, judgements: list[Judgement]) -
         alignment = scores["m2t"].alignment[place] * [cell, cell, 1.0]
         laid = document.text.moved(alignment, cell)
         fits: dict[str, float] = {method: float(scores[method].score[place]) for method in METHODS}
-        texts = (laid, found.text, alignment, matching.tolerance)
+        texts = (laid, found.text, alignment, matching.tolerance, cell)
         pairs.append(Pair(document.map_id, found.map_id, *texts, fits, mask is relevant))
     return pairs

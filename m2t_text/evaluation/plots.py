@@ -105,7 +105,8 @@ def map_figure(evaluated: Evaluated) -> Figure:
 
 def pairs_figure(pairs: Sequence[Pair]) -> Figure:
     """A pair a row: keypoints with the same word, anywhere and where they belong (paper, Figs. 4, 5, 7)."""
-    points = np.concatenate([metres(text) for pair in pairs for text in (pair.query_text, pair.found_text)])
+    texts = [(text, pair.cell) for pair in pairs for text in (pair.query_text, pair.found_text)]
+    points = np.concatenate([metres(text, cell) for text, cell in texts])
     low, high = points.min(axis=0) - 0.6, points.max(axis=0) + 0.6
     aspect = float(np.clip((high - low)[1] / (high - low)[0], 0.4, 1.6))
     size = (9.0, len(pairs) * (4.1 * aspect + 0.7) + 0.7)
@@ -113,7 +114,7 @@ def pairs_figure(pairs: Sequence[Pair]) -> Figure:
     axes = figure.subplots(len(pairs), len(METHODS), squeeze=False, sharex=True, sharey=True)
     for row, pair in zip(axes, pairs, strict=True):
         for one, (method, name, _, reach) in zip(row, METHODS, strict=True):
-            matched = draw_match(one, pair.query_text, pair.found_text, reach or pair.tolerance)
+            matched = draw_match(one, pair.query_text, pair.found_text, reach or pair.tolerance, pair.cell)
             draw_viewpoint(one, pair.alignment, QUERY)
             draw_viewpoint(one, np.zeros(3), HIT)
             kind = "the same place" if pair.relevant else "another place"

@@ -1,4 +1,4 @@
-"""Local maps: for every scan, what the robot saw on the next 3 m of its way (paper, IV-A)."""
+"""Local maps: what the robot saw on the metres that follow each scan, 5 m by default (paper, IV-A)."""
 
 import math
 from collections.abc import Iterable, Iterator

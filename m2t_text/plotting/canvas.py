@@ -7,7 +7,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from m2t_text.config import MappingParameters
 from m2t_text.description.text import WORDS, Text
 from m2t_text.logs.log import Log
 from m2t_text.mapping.trajectory import scan_points
@@ -18,40 +17,39 @@ QUERY, HIT, MATCHED = "#1a9641", "#2b6cb0", "#d7301f"
 FIRST, LATER = "#7a8ba0", "#e08214"
 INK, PALE = "#222222", "#d5d9de"
 ARROW = 1.2  # m; length of the arrow that shows a viewing direction
-CELL = MappingParameters().cell
 WALL_RANGE, WALL_CELL = 10.0, 0.1  # m; which hits are drawn, and how far apart
 
 
-def draw_keypoints(axes: Axes, text: Text, colour: str) -> None:
-    """A text's keypoints as dots, in metres."""
-    axes.plot(*metres(text).T, ".", ms=3.5, color=colour, mec="none")
+def draw_keypoints(axes: Axes, text: Text, colour: str, cell: float) -> None:
+    """A text's keypoints as dots; ``cell`` is the step of its pose words, metres, here and below."""
+    axes.plot(*metres(text, cell).T, ".", ms=3.5, color=colour, mec="none")
 
 
-def draw_words(axes: Axes, text: Text) -> None:
+def draw_words(axes: Axes, text: Text, cell: float) -> None:
     """A text's keypoints as dots whose colour is the appearance word, 0 to 1023."""
-    x, y = metres(text).T
+    x, y = metres(text, cell).T
     axes.scatter(x, y, c=text.wa, cmap="turbo", vmin=0, vmax=WORDS - 1, s=12, lw=0)
 
 
-def draw_match(axes: Axes, query: Text, found: Text, window: int) -> int:
+def draw_match(axes: Axes, query: Text, found: Text, window: int, cell: float) -> int:
     """Both texts and their correspondences; returns how many of the query's keypoints have one."""
     pairs = correspondences(query, found, window)
-    ends = np.stack([metres(query)[pairs[:, 0]], metres(found)[pairs[:, 1]]], axis=1)
+    ends = np.stack([metres(query, cell)[pairs[:, 0]], metres(found, cell)[pairs[:, 1]]], axis=1)
     axes.add_collection(LineCollection(list(ends), colors=MATCHED, lw=0.6, alpha=0.65, zorder=1))
-    draw_keypoints(axes, found, HIT)
-    draw_keypoints(axes, query, QUERY)
+    draw_keypoints(axes, found, HIT, cell)
+    draw_keypoints(axes, query, QUERY, cell)
     return len(pairs)
 
 
-def draw_overlap(axes: Axes, query: Text, found: Text) -> int:
+def draw_overlap(axes: Axes, query: Text, found: Text, cell: float) -> int:
     """A query laid over a map: the query's keypoints that have one of the map in their cell or the next are
     matched; returns how many."""
-    draw_keypoints(axes, found, HIT)
-    draw_keypoints(axes, query, QUERY)
+    draw_keypoints(axes, found, HIT, cell)
+    draw_keypoints(axes, query, QUERY, cell)
     if not len(query) or not len(found):
         return 0
     distance, _ = KDTree(found.positions()).query(query.positions(), p=np.inf, distance_upper_bound=1.5)
-    matched = metres(query)[np.isfinite(distance)]
+    matched = metres(query, cell)[np.isfinite(distance)]
     axes.plot(*matched.T, ".", ms=3.5, color=MATCHED, mec="none")
     return len(matched)
 
@@ -95,9 +93,9 @@ def correspondences(query: Text, found: Text, window: int) -> NDArray[np.int64]:
     return pairs[np.isfinite(distance)]
 
 
-def metres(text: Text) -> Floats:
+def metres(text: Text, cell: float) -> Floats:
     """(N, 2) a text's keypoints in the frame of the viewpoint."""
-    return text.positions() * CELL
+    return text.positions() * cell
 
 
 def entitle(axes: Axes, title: str, subtitle: str) -> None:

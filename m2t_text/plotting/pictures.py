@@ -13,12 +13,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
 from m2t_text.errors import M2TError
 from m2t_text.plotting.canvas import (
     ARROW,
-    CELL,
     FIRST,
     HIT,
     INK,
@@ -63,25 +63,31 @@ def check_picture(path: Path) -> None:
         raise M2TError(f"cannot draw {str(path)!r}: there is no folder {str(path.parent)!r}; make it first")
 
 
-def plot_match(query: Text, title: str, found: Sequence[tuple[Found, Text]], window: int, path: Path) -> None:
-    """A query, and each of its best hits (with its text) with the query laid over it."""
+def plot_match(
+    query: Text, title: str, found: Sequence[tuple[Found, Text]], parameters: Parameters, path: Path
+) -> None:
+    """A query, and each of its best hits (with its text) with the query laid over it.
+
+    The ``parameters`` are those with which the texts were made.
+    """
+    cell, window = parameters.mapping.cell, parameters.matching.tolerance
     shown = found[:PANELS]
-    laid = [query.moved(result.laid, CELL) for result, _ in shown]
+    laid = [query.moved(result.laid, cell) for result, _ in shown]
     columns = min(3, len(shown) + 1)
     rows = ceil((len(shown) + 1) / columns)
-    box = _box(np.concatenate([metres(text) for text in (query, *laid, *(text for _, text in shown))]))
+    box = _box(np.concatenate([metres(text, cell) for text in (query, *laid, *(text for _, text in shown))]))
     figure = Figure(
         (4.0 * columns, rows * (3.6 * _aspect(box) + 0.7) + 0.8), layout="compressed", facecolor="white"
     )
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    draw_keypoints(axes[0], query, QUERY)
+    draw_keypoints(axes[0], query, QUERY, cell)
     draw_viewpoint(axes[0], np.zeros(3), QUERY)
     entitle(axes[0], f"query  {short(title)}", f"{len(query)} keypoints")
     for place, (one, (result, text)) in enumerate(zip(axes[1:], shown, strict=False)):
         if window > 1:
-            draw_match(one, laid[place], text, window)
+            draw_match(one, laid[place], text, window, cell)
         else:
-            draw_overlap(one, laid[place], text)
+            draw_overlap(one, laid[place], text, cell)
         draw_viewpoint(one, result.laid, QUERY)
         draw_viewpoint(one, np.zeros(3), HIT)
         entitle(one, f"{place + 1}.  {short(result.hit.map_id)}", _fit(result))
@@ -107,9 +113,9 @@ def _fit(result: Found) -> str:
     return f"{fit}, query turned by {degrees}°" if degrees else fit
 
 
-def plot_document(text: Text, document: Document | None, path: Path) -> None:
+def plot_document(text: Text, document: Document | None, cell: float, path: Path) -> None:
     """A text: keypoints by appearance word, and of the map that it describes, if there is one, its poses."""
-    places = [metres(text)]
+    places = [metres(text, cell)]
     if document is not None:
         to_view = inverse(document.viewpoint)
         centre = transform(to_view, document.centre_of_gravity[None])
@@ -118,7 +124,7 @@ def plot_document(text: Text, document: Document | None, path: Path) -> None:
     width, height = (6.0 / _aspect(box), 6.0) if _aspect(box) > 1 else (6.0, 6.0 * _aspect(box))
     figure = Figure((width + 1.8, height + 1.2), layout="compressed", facecolor="white")
     axes = figure.subplots()
-    draw_words(axes, text)
+    draw_words(axes, text, cell)
     marks = [mark(INK, "viewpoint and direction")]
     if document is not None:
         draw_viewpoint(axes, to_view, LATER)

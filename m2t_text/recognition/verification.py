@@ -1,7 +1,7 @@
 """Relative pose and inliers of two maps, from their texts alone.
 
 The words vote for an offset between the viewpoints, in each direction along the walls (as in ``agreement``).
-From there the pose words, which are the maps' geometry at 0.1 m, are aligned by point-to-line ICP.
+From there the pose words, which are the maps' geometry, cell by cell, are aligned by point-to-line ICP.
 """
 
 from collections.abc import Sequence

@@ -1,20 +1,24 @@
 """Pictures: that they are made for whatever there is to draw, and what they claim."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
+from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import M2TError
 from m2t_text.index.results import Hit
-from m2t_text.plotting import pictures
+from m2t_text.plotting import canvas, pictures
 from m2t_text.plotting.canvas import correspondences
 from m2t_text.recognition.finding import Found
 
+PARAMETERS = PROFILES["paper"]
 PNG, EMPTY = b"\x89PNG", Text.of([], [], [])
 SQUARE = Text.of([0, 10, 10, 0], [0, 0, 20, 20], [5, 5, 700, 1023])
 
@@ -40,28 +44,28 @@ def hits(count: int, dataset: str = "fr101", text: Text = SQUARE) -> list[tuple[
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 9])
 def test_any_number_of_hits_is_drawn(tmp_path: Path, count: int) -> None:
-    pictures.plot_match(SQUARE, "query", hits(count), 10, tmp_path / "match.png")
+    pictures.plot_match(SQUARE, "query", hits(count), PARAMETERS, tmp_path / "match.png")
     assert (tmp_path / "match.png").read_bytes().startswith(PNG)
 
 
 @pytest.mark.parametrize("text", [EMPTY, Text.of([3], [4], [5]), Text.of([-32767, 32767], [0, 0], [1, 2])])
 def test_any_text_is_drawn(tmp_path: Path, text: Text) -> None:
-    pictures.plot_match(text, "query", hits(2, text=text), 10, tmp_path / "match.png")
-    pictures.plot_document(text, document(text=text), tmp_path / "map.png")
-    pictures.plot_document(text, None, tmp_path / "text.png")
+    pictures.plot_match(text, "query", hits(2, text=text), PARAMETERS, tmp_path / "match.png")
+    pictures.plot_document(text, document(text=text), 0.1, tmp_path / "map.png")
+    pictures.plot_document(text, None, 0.1, tmp_path / "text.png")
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("match.png", "map.png", "text.png"))
 
 
 @pytest.mark.parametrize("ending", ["png", "PNG", "pdf", "svg"])
 def test_a_picture_of_each_kind(tmp_path: Path, ending: str) -> None:
-    pictures.plot_document(SQUARE, document(), tmp_path / f"map.{ending}")
+    pictures.plot_document(SQUARE, document(), 0.1, tmp_path / f"map.{ending}")
     assert [file.name for file in tmp_path.iterdir()] == [f"map.{ending}"]
 
 
 @pytest.mark.parametrize("name", ["$x^{2}$", "a_b%c", "日本", "n" * 200])
 def test_any_name_is_drawn_as_it_is(tmp_path: Path, name: str) -> None:
-    pictures.plot_match(SQUARE, name, hits(2, name), 10, tmp_path / "match.png")
-    pictures.plot_document(SQUARE, document(name), tmp_path / "map.png")
+    pictures.plot_match(SQUARE, name, hits(2, name), PARAMETERS, tmp_path / "match.png")
+    pictures.plot_document(SQUARE, document(name), 0.1, tmp_path / "map.png")
     assert (tmp_path / "map.png").exists()
 
 
@@ -73,7 +77,7 @@ def test_a_long_name_keeps_its_number() -> None:
 
 def test_the_same_picture_twice_is_the_same_file(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        pictures.plot_match(SQUARE, "query", hits(2), 10, tmp_path / name)
+        pictures.plot_match(SQUARE, "query", hits(2), PARAMETERS, tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -101,7 +105,7 @@ def test_a_wrong_file_is_told_before_the_work(tmp_path: Path, name: str, message
 def test_a_picture_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "map.png").mkdir()
     with pytest.raises(M2TError, match="cannot write"):
-        pictures.plot_document(SQUARE, None, tmp_path / "map.png")
+        pictures.plot_document(SQUARE, None, 0.1, tmp_path / "map.png")
     assert [file.name for file in tmp_path.iterdir()] == ["map.png"]
 
 
@@ -130,3 +134,22 @@ def test_correspondences_are_the_nearest_of_those_in_the_window(
         nearest = apart.min(initial=np.inf)
         assert (i in partners) == (nearest <= window)
         assert i not in partners or apart[partners[i]] == nearest
+
+
+@pytest.mark.parametrize("cell", [0.1, 0.2])
+def test_a_query_is_laid_on_a_hit_in_the_cells_of_its_index(tmp_path: Path, cell: float) -> None:
+    """The offset of a hit is in metres: drawn with cells of another size, the query would miss it."""
+    laid = np.array([20 * cell, 0.0, 0.0])
+    query = SQUARE.moved(-laid, cell)
+    axes = Figure().subplots()
+    assert canvas.draw_overlap(axes, query.moved(laid, cell), SQUARE, cell) == len(SQUARE)
+    shown = np.concatenate([line.get_xydata() for line in axes.lines])
+    assert shown.max() == pytest.approx(20.5 * cell)  # the middle of the farthest cell
+
+    drawn: list[Text] = []
+    parameters = replace(PARAMETERS, mapping=replace(PARAMETERS.mapping, cell=cell))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "draw_match", lambda axes, text, found, window, cell: drawn.append(text))
+        found = Found(Hit(document(), 0.5, 4, laid))
+        pictures.plot_match(query, "query", [(found, SQUARE)], parameters, tmp_path / "match.png")
+    assert str(drawn[0]) == str(SQUARE)

@@ -61,7 +61,7 @@ def inspect(
     if plot is not None:
         from m2t_text.plotting.pictures import plot_document
 
-        plot_document(found.text, found.document, plot)
+        plot_document(found.text, found.document, parameters.mapping.cell, plot)
         note(f"drew {plot}")
     if as_json:
         print_json(inspection(found, parameters.mapping.cell))

@@ -115,5 +115,5 @@ def _draw(answer: "Answer", path: Path) -> None:
     from m2t_text.plotting.pictures import PANELS, plot_match
 
     found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
-    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters.matching.tolerance, path)
+    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters, path)
     note(f"drew {path}")

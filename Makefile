@@ -3,40 +3,41 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test stress fuzz bench loops lint docs clean
+.PHONY: demo test stress fuzz bench loops slam-bench lint docs clean
 
-help:  ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-
-demo: $(VENV)/.installed  ## see it work: simulate, index, search, draw
+demo: $(VENV)/.installed
 	$(BIN)/m2t-text demo
 
-test: $(VENV)/.installed-test  ## the tests, two minutes on two cores
+test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto
 
-stress: $(VENV)/.installed-test  ## crashes, full disks, damage, strangers: four minutes
+stress: $(VENV)/.installed-test
 	$(BIN)/python tests/stress.py
 
 # FUZZ_RUNS=1000 picks the inputs for each reader, FUZZ_MINUTES=30 an end, FUZZ_JOBS=1 how many readers side by
 # side; findings are kept in indexes/fuzz.
-fuzz: $(VENV)/.installed-fuzz  ## damaged inputs for every reader
+fuzz: $(VENV)/.installed-fuzz
 	$(BIN)/python tests/fuzz/fuzz.py $(TARGETS)
 
 # BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
-bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
+bench: $(VENV)/.installed-bench
 	$(BIN)/python tests/benchmarks/bench.py
 
 # make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
-loops: $(VENV)/.installed-test  ## how far loops correct logs: make loops LOGS="a.log b.log"
+loops: $(VENV)/.installed-test
 	$(BIN)/m2t-text evaluate-loops $(LOGS)
 
-lint: $(VENV)/.installed-lint  ## ruff, mypy and the layers of the package
+# SLAM_LOGS is the folder of the logs and relations, NAME.log.gz and NAME.relations.gz.
+slam-bench: $(VENV)/.installed
+	$(BIN)/python tests/benchmarks/slam_bench.py
+
+lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-docs: $(VENV)/.installed-docs  ## the site, in site/
+docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 $(BIN)/python:
@@ -66,5 +67,5 @@ $(VENV)/.installed-bench: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	@touch $@
 
-clean:  ## remove what was made here
+clean:
 	rm -rf $(VENV) demo site build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -26,7 +26,6 @@ ORDER = (
     "saved-maps",
     "indexes",
     "loops",
-    "architecture",
     "trust",
     "speed",
 )  # then others

@@ -19,7 +19,7 @@ class Text:
     """Visual words ``<w_x, w_y, w_a>``, one a keypoint, ordered by (w_a, w_x, w_y).
 
     Attributes:
-        wx, wy: (N,) int16, pose words: floor(coordinate / cell), in the map's own frame; a cell is 0.1 m.
+        wx, wy: (N,) int16, pose words: floor(coordinate / cell) in the map's own frame, cells of 0.1 m by default.
         wa: (N,) int16, appearance words, 0..1023.
     """
 

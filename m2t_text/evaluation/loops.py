@@ -1,24 +1,25 @@
-"""How far loops correct a trajectory (needs GTSAM).
+"""How far loops correct a trajectory: judged by a log's corrected poses, or by relations that people measured.
 
-Each log is walked, its graph written as g2o, read back and optimised by GTSAM, by least squares and without any
-robust kernel, so that one wrong loop would bend it all. The ground truth judges what comes out.
+Four trajectories of one drive are compared: that of its odometry, that of scan matching, the latter optimised
+with the loops alone, by plain least squares, so that one wrong loop would bend it all; and that of `correct`.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from m2t_text.errors import LogError, M2TError
+from m2t_text.errors import LogError
+from m2t_text.evaluation.relations import RelationErrors, Relations, published, relation_errors
 from m2t_text.loops.detection import Walk
-from m2t_text.loops.export import to_g2o, write
 from m2t_text.loops.graph import pose_graph
+from m2t_text.slam.correction import constraints_of, correct
+from m2t_text.slam.optimisation import optimise
 from m2t_text.util.geometry import between, transform
-from m2t_text.util.types import Floats
+from m2t_text.util.types import Floats, StageProgress
 
-HELD = 1e-6  # m and rad; standard deviation of the first pose, which holds the graph in place
 WRONG = 1.0  # m by which a loop's relative pose errs that is no closure at all
+STAGES = ("odometry", "scan_matching", "loops", "map")
 
 
 @dataclass(frozen=True)
@@ -28,51 +29,58 @@ class Assessment:
     Attributes:
         name: of the dataset.
         loops: number of loops in the graph.
-        wrong: of them, those off by more than WRONG.
-        odometry, matched, optimised: absolute trajectory error (m) of the raw odometry, of the trajectory from
-            odometry and scan matching, and of the optimised graph.
+        wrong: of them, those off by more than WRONG; None without corrected poses.
+        trajectories: by stage, (S, 3) each.
+        absolute: by stage, the absolute trajectory error in metres; empty without corrected poses.
+        relative: by stage, the errors by relations; empty without relations.
     """
 
     name: str
     loops: int
-    wrong: int
-    odometry: float
-    matched: float
-    optimised: float
+    wrong: int | None
+    trajectories: dict[str, Floats]
+    absolute: dict[str, float]
+    relative: dict[str, RelationErrors]
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of ``evaluate-loops --json`` for this log."""
+        return {
+            "dataset": self.name,
+            "scans": len(self.trajectories["odometry"]),
+            "loops": self.loops,
+            "wrong": self.wrong,
+            "absolute_trajectory_error": self.absolute,
+            "relations": {stage: errors.to_json() for stage, errors in self.relative.items()},
+            "published": {who: list(figures) for who, figures in published(self.name).items()},
+        }
 
 
-def assess(walked: Walk) -> Assessment:
-    """Optimises and judges one walk. Raises LogError if its log has no ground truth."""
+def assess(
+    walked: Walk, relations: Relations | None = None, jobs: int = 1, progress: StageProgress | None = None
+) -> Assessment:
+    """Corrects and judges one walk.
+
+    Raises LogError if there is nothing to judge by: its log has no corrected poses, and there are no relations.
+    """
     log, truth = walked.log, walked.log.ground_truth
-    if truth is None:
-        raise LogError(f"{log.name} has no ground truth to judge by: name a log with corrected poses")
+    if truth is None and relations is None:
+        raise LogError(
+            f"{log.name} has no ground truth to judge by: name a log with corrected poses, or --relations"
+        )
     graph = pose_graph(walked)
-    with TemporaryDirectory(prefix="m2t-text-") as folder:
-        path = Path(folder) / "graph.g2o"
-        write(path, to_g2o(graph))
-        corrected = optimise(path)
-    errors = [between(between(truth[e.start], truth[e.end]), e.pose.pose) for e in graph.loops]
-    return Assessment(
-        log.name,
-        len(graph.loops),
-        sum(bool(np.hypot(*error[:2]) > WRONG) for error in errors),
-        *(trajectory_error(poses, truth) for poses in (log.odometry, graph.vertices, corrected)),
-    )
-
-
-def optimise(path: Path) -> Floats:
-    """(V, 3) the poses of a g2o file as GTSAM optimises them, the first one held where it is."""
-    try:
-        import gtsam
-    except ImportError as error:
-        raise M2TError("GTSAM is missing: pip install gtsam") from error
-
-    graph, initial = gtsam.readG2o(str(path), False)
-    first = gtsam.noiseModel.Isotropic.Sigma(3, HELD)
-    graph.add(gtsam.PriorFactorPose2(0, initial.atPose2(0), first))
-    result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
-    poses: Floats = gtsam.utilities.extractPose2(result)
-    return poses
+    edges = constraints_of([*graph.steps, *graph.loops], robust=False)
+    looped = optimise(graph.vertices, edges)[: graph.scans]
+    corrected = correct(walked, jobs, progress).trajectory
+    poses = (log.odometry, graph.vertices[: graph.scans], looped, corrected)
+    trajectories = dict(zip(STAGES, poses, strict=True))
+    absolute, relative, wrong = {}, {}, None
+    if truth is not None:
+        absolute = {stage: trajectory_error(one, truth) for stage, one in trajectories.items()}
+        errors = [between(between(truth[e.start], truth[e.end]), e.pose.pose) for e in graph.loops]
+        wrong = sum(bool(np.hypot(*error[:2]) > WRONG) for error in errors)
+    if relations is not None:
+        relative = {stage: relation_errors(log, one, relations) for stage, one in trajectories.items()}
+    return Assessment(log.name, len(graph.loops), wrong, trajectories, absolute, relative)
 
 
 def trajectory_error(poses: Floats, truth: Floats) -> float:

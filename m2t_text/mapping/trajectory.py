@@ -29,14 +29,16 @@ WIDEST = (2.0, 2.0)  # m and rad; no wider, however far odometry leaps: five rea
 
 
 @dataclass(frozen=True)
-class _Cloud:
+class ScanCloud:
+    """``points`` (N, 2) of a scan, metres, and unit ``normals`` (N, 2) of their walls, zero where unknown."""
+
     points: Floats
     normals: Floats
 
-    def seen_from(self, pose: Floats, viewer: Floats) -> "_Cloud":
-        relative = between(viewer, pose)
-        turn = np.array([0.0, 0.0, relative[2]])
-        return _Cloud(transform(relative, self.points), transform(turn, self.normals))
+    def moved(self, pose: Floats) -> "ScanCloud":
+        """The same in the frame in which ``pose`` (3,), that of the cloud's own frame, is given."""
+        turn = np.array([0.0, 0.0, pose[2]])
+        return ScanCloud(transform(pose, self.points), transform(turn, self.normals))
 
 
 def survey(log: Log, parameters: MappingParameters, progress: Progress | None = None) -> Survey:
@@ -71,17 +73,17 @@ def refined_poses(log: Log) -> Iterator[Floats]:
     odometry = log.odometry
     way = travel(odometry)
     poses: list[Floats] = []
-    clouds: list[_Cloud] = []
+    clouds: list[ScanCloud] = []
     keys: list[int] = []
     for i, scan in enumerate(log.scans):
-        cloud = _cloud(scan, log.laser_pose)
+        cloud = scan_cloud(scan, log.laser_pose)
         pose = poses[-1] if poses else np.zeros(3)
         if i > 0 and scan.drive != log.scans[i - 1].drive:
             keys.clear()
         elif i > 0:
             motion = between(odometry[i - 1], odometry[i])
             predicted = compose(poses[-1], motion)
-            reference = [clouds[k].seen_from(poses[k], predicted) for k in _recent(keys, way, i)]
+            reference = [clouds[k].moved(between(predicted, poses[k])) for k in _recent(keys, way, i)]
             pose = compose(predicted, _correction(reference, cloud, motion))
         clouds.append(cloud)
         poses.append(pose)
@@ -90,10 +92,11 @@ def refined_poses(log: Log) -> Iterator[Floats]:
         yield pose
 
 
-def _cloud(scan: Scan, laser_pose: Floats) -> _Cloud:
+def scan_cloud(scan: Scan, laser_pose: Floats) -> ScanCloud:
+    """A scan as scan matching sees it, in the robot's frame: thinned, and cut at MATCH_RANGE."""
     points = scan_points(scan, laser_pose, MATCH_RANGE)
     kept = _thinned(points)
-    return _Cloud(points[kept], normals(points, NORMAL_REACH)[kept])
+    return ScanCloud(points[kept], normals(points, NORMAL_REACH)[kept])
 
 
 def _thinned(points: Floats) -> NDArray[np.int64]:
@@ -112,7 +115,7 @@ def _far(a: Floats, b: Floats) -> bool:
     return bool(np.hypot(*(b - a)[:2]) > KEY_STEP[0] or abs(wrap(b[2] - a[2])) > KEY_STEP[1])
 
 
-def _correction(reference: list[_Cloud], cloud: _Cloud, motion: Floats) -> Floats:
+def _correction(reference: list[ScanCloud], cloud: ScanCloud, motion: Floats) -> Floats:
     """What scan matching adds to a pose that odometry predicts, in the predicted frame."""
     distance, turn = float(np.hypot(*motion[:2])), abs(float(motion[2]))
     # A bad wheel odometry's errors: slip in proportion to the way, and heading errors from both.

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gtsam_oracle import optimise_g2o
 
 from m2t_text.cli import run
-from m2t_text.evaluation.loops import optimise
 from m2t_text.logs import Log
 from m2t_text.loops.detection import Walk
 from m2t_text.loops.export import to_json, to_tum
@@ -68,7 +68,7 @@ def check_g2o(path: Path, document: dict[str, Any], walked: Walk) -> None:
     information[:, *np.triu_indices(3)] = edges[:, 5:]
     information += np.swapaxes(np.triu(information, 1), 1, 2)
     assert (np.linalg.eigvalsh(information) > 0).all()
-    assert optimise(path).shape == (count, 3)
+    assert optimise_g2o(path).shape == (count, 3)
 
 
 def test_tum_has_times_where_they_ascend_and_numbers_where_not(walked: Walk, drive: Log):

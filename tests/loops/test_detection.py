@@ -35,14 +35,17 @@ def off(poses: np.ndarray, log: Log, loop: Loop) -> float:
 def test_loops_correct_a_simulated_drive(walked: Walk):
     assessment = assess(walked)
     assert assessment.loops == len(walked.loops) >= 4 and assessment.wrong == 0
-    assert assessment.optimised < 0.6 * assessment.matched < assessment.odometry
+    errors = assessment.absolute
+    assert errors["loops"] < 0.6 * errors["scan_matching"] < errors["odometry"]
+    assert errors["map"] < errors["loops"]
 
 
 def test_loops_correct_a_real_drive(radish: Path):
     """The first 200 scans of the Intel Research Lab."""
     assessment = assess(walk(cut(read_log(radish / "intel-corrected.log.gz"), 200)))
     assert assessment.loops >= 30 and assessment.wrong == 0
-    assert assessment.optimised < 0.1 and assessment.matched > 0.2
+    assert assessment.absolute["loops"] < 0.1 and assessment.absolute["scan_matching"] > 0.2
+    assert assessment.absolute["map"] < 0.1
 
 
 def test_no_loop_looks_ahead(drive: Log, walked: Walk):

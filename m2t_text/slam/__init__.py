@@ -1,0 +1,1 @@
+"""From a drive with loops to a corrected trajectory and a map."""

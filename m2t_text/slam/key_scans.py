@@ -1,0 +1,79 @@
+"""Key scans: those that stand for the scans around them, so that a graph of a long drive stays small."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from m2t_text.logs.log import Log
+from m2t_text.mapping.trajectory import ScanCloud, scan_cloud
+from m2t_text.util.geometry import between, compose, travel, wrap
+from m2t_text.util.types import Floats, Ints
+
+STEP = (0.3, np.radians(20.0))  # m and rad from one key scan to the next
+TURN = 0.3  # m of way that one radian of turning counts as, where a correction is spread
+REACH = 3.0  # m; key scans farther away are not drawn into a submap
+SUBMAP = 3  # key scans before and after the one in a submap's middle
+
+
+@dataclass(frozen=True)
+class KeyScans:
+    """The key scans of a drive.
+
+    Attributes:
+        numbers: (K,) indices into the log.
+        clouds: their points and normals.
+        way: (K,) metres of travel up to each.
+        drives: (K,) number of the drive that each belongs to.
+    """
+
+    numbers: Ints
+    clouds: Sequence[ScanCloud]
+    way: Floats
+    drives: Ints
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def submap(self, middle: int, poses: Floats) -> ScanCloud:
+        """What was seen shortly before and after a key scan, in its frame, all at ``poses`` (K, 3)."""
+        first, last = max(middle - SUBMAP, 0), min(middle + SUBMAP, len(self) - 1)
+        near = np.arange(first, last + 1)
+        away = between(poses[middle], poses[near])
+        kept = (np.hypot(away[:, 0], away[:, 1]) <= REACH) & (self.drives[near] == self.drives[middle])
+        parts = [self.clouds[k].moved(pose) for k, pose in zip(near[kept], away[kept], strict=True)]
+        return ScanCloud(
+            np.concatenate([part.points for part in parts]), np.concatenate([part.normals for part in parts])
+        )
+
+
+def key_scans(log: Log, trajectory: Floats) -> KeyScans:
+    """The key scans of a log whose robot drove along a trajectory (S, 3)."""
+    drives = np.array([scan.drive for scan in log.scans], dtype=np.int64)
+    numbers = [0]
+    for i, pose in enumerate(trajectory):
+        last = trajectory[numbers[-1]]
+        far = np.hypot(*(pose - last)[:2]) > STEP[0] or abs(wrap(pose[2] - last[2])) > STEP[1]
+        if far or drives[i] != drives[numbers[-1]]:
+            numbers.append(i)
+    chosen = np.array(numbers, dtype=np.int64)
+    clouds = [scan_cloud(log.scans[k], log.laser_pose) for k in numbers]
+    return KeyScans(chosen, clouds, travel(trajectory)[chosen], drives[chosen])
+
+
+def spread(trajectory: Floats, keys: KeyScans, corrected: Floats) -> Floats:
+    """The trajectory (S, 3) bent so that its key scans lie at their ``corrected`` poses (K, 3).
+
+    A scan between two key scans keeps its place as seen from both, the nearer one counting more.
+    """
+    scans = np.arange(len(trajectory))
+    before = np.searchsorted(keys.numbers, scans, side="right") - 1
+    after = np.minimum(before + 1, len(keys) - 1)
+    after = np.where(keys.drives[after] == keys.drives[before], after, before)
+    begin, end = keys.numbers[before], keys.numbers[after]
+    ahead = compose(corrected[before], between(trajectory[begin], trajectory))
+    behind = compose(corrected[after], between(trajectory[end], trajectory))
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(wrap(np.diff(trajectory[:, 2]))))])
+    way = travel(trajectory) + TURN * turned
+    share = np.clip((way - way[begin]) / np.maximum(way[end] - way[begin], 1e-9), 0.0, 1.0)
+    return compose(ahead, between(ahead, behind) * share[:, None])

@@ -1,0 +1,167 @@
+"""Constraints between key scans that lie near each other, each measured by registration.
+
+Scans of one visit tie the trajectory together; scans of two visits close loops, as in Cartographer's backend
+(Hess et al., "Real-time loop closure in 2D lidar SLAM", ICRA 2016), where a scan is matched with a submap. Only
+pairs are compared whose relative place is known already: each new constraint lets its neighbours follow.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import KDTree
+
+from m2t_text.mapping.registration import SIDE_LENGTH, fit, register
+from m2t_text.mapping.trajectory import ScanCloud
+from m2t_text.slam.key_scans import KeyScans
+from m2t_text.slam.optimisation import Constraints
+from m2t_text.util.geometry import between, compose, inverse, wrap
+from m2t_text.util.types import Floats, Ints, Progress
+
+BEHIND = 3  # key scans before a scan to which it is tied
+NEAR = 2.5  # m between two key scans of different visits that are compared
+APART = 3.0  # m of travel between two visits, at least
+VISIT = 3  # key scans by which two of one visit may be apart
+KNOWN = (
+    40.0  # m of travel from one key scan to the other by way of constraints; their relative place is known then
+)
+WINDOW = (0.6, np.radians(6.0))  # m and rad; the search about the place that is known
+LOOSE, TIGHT = np.array([0.5, 0.1]), np.array([0.3, 0.1])  # m and rad; standard deviations of that place
+INLIERS = 0.5  # share of the scan's points that find a partner
+SHIFT = (0.5, 0.15)  # m and rad; scans of one visit that move by more were confused
+# Errors of the registration beyond those of the fit:
+REMAINDER = np.array([0.01, 0.01, 0.003])  # m, m, rad
+NOISE, CORRELATION = 0.01, 10.0  # m, least noise of points; so many points count as one
+WEAK = np.diag([1e-2, 1e-2, 1e-1])  # information that is taken for granted, as a matrix may be singular
+CHUNK = 4096  # rows of distances at once
+
+
+@dataclass(frozen=True)
+class _Measured:
+    pose: Floats
+    information: Floats
+    inliers: float
+    shift: Floats
+
+
+def pairs_behind(keys: KeyScans) -> Ints:
+    """(P, 2) each key scan, and the few before it on the same drive."""
+    later = np.arange(len(keys))
+    pairs = np.concatenate([np.column_stack([later[k:], later[:-k]]) for k in range(1, BEHIND + 1)])
+    pairs = pairs[keys.drives[pairs[:, 0]] == keys.drives[pairs[:, 1]]]
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+def pairs_nearby(keys: KeyScans, poses: Floats, known: Constraints) -> Ints:
+    """(P, 2) each key scan, and the one most like it of each earlier visit near its place.
+
+    Those whose relative place is known by ``known`` constraints only, between key scans at ``poses`` (K, 3).
+    """
+    tree = KDTree(poses[:, :2])
+    found = []
+    for scan, reached in enumerate(_reached(keys, known)):
+        near = np.sort(np.array(tree.query_ball_point(poses[scan, :2], NEAR), dtype=np.int64))
+        other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > APART)
+        near = near[(near < scan) & other]
+        near = near[reached[near]]
+        for visit in np.split(near, np.flatnonzero(np.diff(near) > VISIT) + 1):
+            if len(visit):
+                away = np.hypot(*(poses[visit, :2] - poses[scan, :2]).T)
+                unlike = away + np.abs(wrap(poses[visit, 2] - poses[scan, 2]))
+                found.append((scan, visit[np.argmin(unlike)]))
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def _reached(keys: KeyScans, known: Constraints) -> Iterator[NDArray[np.bool_]]:
+    """For each key scan, which ones (K,) lie within KNOWN metres of it by way of constraints."""
+    count = len(keys)
+    steps = np.diff(keys.way) + 1e-3  # zero would be no edge
+    same = np.flatnonzero(np.diff(keys.drives) == 0)
+    a = np.concatenate([same, known.pairs[:, 0]])
+    b = np.concatenate([same + 1, known.pairs[:, 1]])
+    length = np.concatenate([steps[same], np.full(len(known), 1e-3)])
+    shortest: dict[tuple[int, int], float] = {}
+    for i, j, metres in zip(a.tolist(), b.tolist(), length.tolist(), strict=True):
+        shortest[i, j] = min(metres, shortest.get((i, j), np.inf))
+    rows, columns = np.array(list(shortest)).T
+    graph = coo_array((np.array(list(shortest.values())), (rows, columns)), shape=(count, count)).tocsr()
+    for begin in range(0, count, CHUNK):
+        chunk = np.arange(begin, min(begin + CHUNK, count))
+        yield from np.isfinite(dijkstra(graph, directed=False, indices=chunk, limit=KNOWN))
+
+
+class Neighbours:
+    """Measures pairs of key scans; what was measured at nearly the same place before is not measured again."""
+
+    def __init__(self, keys: KeyScans, jobs: int) -> None:
+        self._keys = keys
+        self._jobs = jobs
+
+    def behind(self, poses: Floats, progress: Progress) -> Constraints:
+        """Those of one visit, at key scans' ``poses`` (K, 3)."""
+        pairs = pairs_behind(self._keys)
+        references = dict(enumerate(self._keys.clouds))
+        measured = self._measured(pairs, references, poses, (0.0, 0.0), TIGHT, progress)
+        kept = np.array(
+            [
+                one.inliers > INLIERS
+                and bool(np.hypot(*one.shift[:2]) < SHIFT[0] and abs(one.shift[2]) < SHIFT[1])
+                for one in measured
+            ],
+            dtype=bool,
+        )
+        return _constraints(pairs, measured, kept)
+
+    def nearby(self, pairs: Ints, poses: Floats, search: bool, progress: Progress) -> Constraints:
+        """Those of two visits, at key scans' ``poses`` (K, 3); with a search about the place that is known."""
+        references = {int(k): self._keys.submap(int(k), poses) for k in np.unique(pairs[:, 1])}
+        window = WINDOW if search else (0.0, 0.0)
+        measured = self._measured(pairs, references, poses, window, LOOSE, progress)
+        return _constraints(pairs, measured, np.array([one.inliers > INLIERS for one in measured], dtype=bool))
+
+    def _measured(
+        self,
+        pairs: Ints,
+        references: dict[int, ScanCloud],
+        poses: Floats,
+        window: tuple[float, float],
+        sigma: Floats,
+        progress: Progress,
+    ) -> list[_Measured]:
+        def one(pair: Ints) -> _Measured:
+            scan, reference = int(pair[0]), int(pair[1])
+            expected = between(poses[reference], poses[scan])
+            return _registered(references[reference], self._keys.clouds[scan], expected, window, sigma)
+
+        measured = []
+        with ThreadPoolExecutor(self._jobs) as pool:  # compiled code lets the others run
+            for result in pool.map(one, pairs):
+                measured.append(result)
+                progress(len(measured), len(pairs))
+        return measured
+
+
+def _registered(
+    reference: ScanCloud, scan: ScanCloud, expected: Floats, window: tuple[float, float], sigma: Floats
+) -> _Measured:
+    seen = reference.moved(inverse(expected))
+    near = np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
+    points, normals = seen.points[near], seen.normals[near]
+    shift, _ = register(points, normals, scan.points, *window, sigma)
+    hessian, noise, inliers = fit(points, normals, scan.points, shift)
+    variance = max(noise, NOISE) ** 2 * CORRELATION
+    covariance = np.linalg.inv(hessian / variance + WEAK) + np.diag(REMAINDER**2)
+    return _Measured(compose(expected, shift), np.linalg.inv(covariance), inliers, shift)
+
+
+def _constraints(pairs: Ints, measured: list[_Measured], kept: NDArray[np.bool_]) -> Constraints:
+    return Constraints(
+        pairs[kept, ::-1],
+        np.array([one.pose for one in measured]).reshape(-1, 3)[kept],
+        np.array([one.information for one in measured]).reshape(-1, 3, 3)[kept],
+        np.ones(int(kept.sum()), dtype=bool),
+    )

@@ -1,8 +1,7 @@
 """Every parameter once, typed, with its unit and its place in the paper. A profile chooses them all."""
 
-import json
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from m2t_text.errors import M2TError
 from m2t_text.util.names import NAME_LENGTH
@@ -80,26 +79,18 @@ def parameters_of(profile: str) -> Parameters:
     return PROFILES[profile]
 
 
-def to_json(parameters: Parameters) -> str:
-    """All parameters as JSON, in a fixed order."""
-    return json.dumps(asdict(parameters), sort_keys=True)
-
-
-def from_json(string: str) -> Parameters:
-    """The parameters that `to_json` wrote.
+def from_dict(fields: dict[str, Any]) -> Parameters:
+    """The parameters that `dataclasses.asdict` took apart, also after a way through JSON.
 
     Raises:
         ValueError, TypeError, KeyError: if it is not what this version writes.
     """
-    fields = json.loads(string)
     description, matching = fields["description"], fields["matching"]
-    description["radii"] = tuple(description["radii"])
-    matching["turns"] = tuple(matching["turns"])
     return Parameters(
         fields["profile"],
         MappingParameters(**fields["mapping"]),
-        DescriptionParameters(**description),
-        MatchingParameters(**matching),
+        DescriptionParameters(**(description | {"radii": tuple(description["radii"])})),
+        MatchingParameters(**(matching | {"turns": tuple(matching["turns"])})),
     )
 
 

@@ -1,4 +1,4 @@
-"""How a segment is stored: as Whoosh does it, but for what it keeps in pickles, which columns hold instead.
+"""How a segment is stored: in columns, as Whoosh does it, but without all that it keeps in pickles.
 
 Every map has one term in each indexed field, and that is the value of the field's column. So the postings
 follow from the columns, and are not stored; nor are the stored fields, which are columns, too.
@@ -7,8 +7,10 @@ follow from the columns, and are not stored; nor are the stored fields, which ar
 import secrets
 from bisect import bisect_left
 from collections.abc import Iterator
+from contextlib import closing
 from itertools import groupby
 from pathlib import Path
+from shutil import copyfileobj
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from m2t_text.description.document import map_id_of
 from m2t_text.errors import DamageError
 from m2t_text.index.schema import schema_columns
 from m2t_text.index.storage.directory import MapStorage, fingerprint
-from m2t_text.index.storage.segment_file import SegmentFile
+from m2t_text.index.storage.segment_file import Part, SegmentFile
 
 Term = tuple[str, bytes]
 
@@ -34,6 +36,7 @@ class MapSegment(W3Segment):
     Attributes:
         size, digest: bytes and checksum of its file.
         maps: number of live maps of each dataset.
+        parts: where each column lies in the file, by the name of its field.
     """
 
     def __init__(self, codec: W3Codec, indexname: str, **attributes: Any) -> None:
@@ -41,6 +44,7 @@ class MapSegment(W3Segment):
         self.size = 0
         self.digest = ""
         self.maps: dict[str, int] = {}
+        self.parts: dict[str, Part] = {}
 
     @classmethod
     def _random_id(cls, size: int = 16) -> str:
@@ -58,19 +62,33 @@ class MapSegment(W3Segment):
         return str(self.make_filename(self.COMPOUND_EXT))
 
     def create_compound_file(self, storage: MapStorage) -> None:
-        super().create_compound_file(storage)
-        self.size = storage.file_length(self.filename)
+        """Joins the files of the columns; Whoosh would write a directory of them, which is a pickle."""
+        with closing(self.create_file(storage, self.COMPOUND_EXT)) as joined:
+            for column in schema_columns():
+                name = MapCodec.column_filename(self, column)
+                self.parts[column] = (joined.tell(), storage.file_length(name))
+                with storage.open_plain(name) as file:
+                    copyfileobj(file, joined)
+            self.size = joined.tell()
+        for name in self.list_files(storage):
+            if name != self.filename:
+                storage.delete_file(name)
         with storage.open_plain(self.filename) as file:
             self.digest = fingerprint(file)
 
     def open_compound_file(self, storage: Any) -> SegmentFile:
-        """Raises DamageError if the file cannot be what was written, as its size or its parts show."""
+        """Raises DamageError if the file cannot be what was written, as its size shows."""
         storage = MapStorage(Path(storage.folder))  # where Whoosh opens an index by itself, it has another one
         size = storage.file_length(self.filename)
         if size != self.size:
             raise DamageError(f"{self.filename} has {size} bytes instead of {self.size}")
+        return self.open_columns(storage)
+
+    def open_columns(self, storage: MapStorage) -> SegmentFile:
+        """The columns, even if something else of the file is damaged; a DamageError if it is too short."""
+        parts = {MapCodec.column_filename(self, name): part for name, part in self.parts.items()}
         with storage.open_plain(self.filename) as file:
-            return SegmentFile(file, self.filename)
+            return SegmentFile(file, self.filename, parts)
 
     def is_sound(self, storage: MapStorage) -> bool:
         """Whether every byte of the file is as it was written."""

@@ -1,4 +1,4 @@
-"""The Whoosh schema of map documents; it carries the format version and the parameters of the index."""
+"""The Whoosh schema of map documents; it carries the parameters of the index."""
 
 from typing import Any
 from zlib import crc32
@@ -9,13 +9,12 @@ from whoosh.fields import ID, FieldType, Schema
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
 
-from m2t_text.config import Parameters, from_json, to_json
+from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import DamageError, TextError
 from m2t_text.index.column import ArrayColumn, KeypointColumn, NameColumn
 
-FORMAT_VERSION = 3
 RECORD: list[Any] = [
     ("first_scan", "<i8"),
     ("last_scan", "<i8"),
@@ -61,21 +60,15 @@ class TextField(PlainField):
     """The texts of the maps. A typed token finds the maps with this word within the window of this position.
 
     Attributes:
-        version: FORMAT_VERSION of the writer. It and the parameters are part of the index's table of contents,
-            so that they change with the maps in one step, or not at all.
-        stored_parameters: of the profile that the texts were made with, as JSON.
+        parameters: of the profile that the texts were made with. They are part of the table of contents, so
+            that they change with the maps in one step, or not at all.
         drives: (scans, metres of travel) of each dataset's whole log, which its maps alone do not tell.
     """
 
     def __init__(self, parameters: Parameters) -> None:
         super().__init__(KeypointColumn())
-        self.version = FORMAT_VERSION
-        self.stored_parameters = to_json(parameters)
+        self.parameters = parameters
         self.drives: dict[str, tuple[int, float]] = {}
-
-    @property
-    def parameters(self) -> Parameters:
-        return from_json(self.stored_parameters)
 
     def to_column_value(self, value: Text | str) -> Text:
         return value if isinstance(value, Text) else parse(value)

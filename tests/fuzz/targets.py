@@ -24,7 +24,7 @@ from m2t_text.description.text import parse  # noqa: E402
 from m2t_text.errors import M2TError  # noqa: E402
 from m2t_text.index.integrity.check import check_index  # noqa: E402
 from m2t_text.index.map_index import MapIndex  # noqa: E402
-from m2t_text.index.writing.toc import DIGEST, SEAL  # noqa: E402
+from m2t_text.index.writing.toc import DIGEST, LENGTH, SEAL  # noqa: E402
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen  # noqa: E402
 from m2t_text.recognition.finding import find  # noqa: E402
 from m2t_text.recognition.queries import Context, resolve  # noqa: E402
@@ -205,7 +205,9 @@ def index_read(content: bytes, folder: Path) -> None:
     file = all_files[(content[0] if content else 0) % len(all_files)]
     before, damaged = file.read_bytes(), content[1:]
     if SEAL in damaged:
-        sealed = damaged[: damaged.rindex(SEAL)] + SEAL
+        end = damaged.rindex(SEAL)
+        begin = max(damaged.rfind(b'{"drives"', 0, end), 0)
+        sealed = damaged[:end] + SEAL + (end - begin).to_bytes(LENGTH)
         damaged = sealed + blake2b(sealed, digest_size=DIGEST).digest()
     file.write_bytes(damaged or b"\0")
     try:

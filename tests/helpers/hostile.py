@@ -1,5 +1,6 @@
 """Indexes as a stranger may send them: each attack turns a sound index into one that must be refused."""
 
+import json
 import os
 import pickle
 import resource
@@ -9,15 +10,12 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import children
 import numpy as np
 from states import contents, copied, maps
-from whoosh.fields import ID, TEXT, Schema
-from whoosh.filedb.structfile import StructFile
 from whoosh.index import TOC
 
 from m2t_text.errors import MapIndexError
@@ -26,8 +24,18 @@ from m2t_text.index.column import COUNTS, HEADER
 from m2t_text.index.integrity.check import repair_index
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.storage.directory import MapStorage, fingerprint
-from m2t_text.index.storage.segment_file import SegmentFile
-from m2t_text.index.writing.toc import DIGEST, SEAL, contents_name, copy_name, generation, latest, write
+from m2t_text.index.writing.toc import (
+    DIGEST,
+    FORMER_SEAL,
+    LENGTH,
+    SEAL,
+    contents_name,
+    copy_name,
+    entries_of,
+    generation,
+    latest,
+    sealed,
+)
 
 Attack = Callable[[Path, Path], None]  # of an index's folder; the second path must stay as it is
 ATTACKS: dict[str, Attack] = {}
@@ -89,73 +97,14 @@ class Runs:
 
 
 @attack
-def a_call_in_the_schema(path: Path, canary: Path) -> None:
-    forge(path, schema=pickle.dumps(Runs(canary), 2))
+def a_call_in_an_index_of_the_former_format(path: Path, canary: Path) -> None:
+    data = pickle.dumps(Runs(canary)) + FORMER_SEAL
+    put(path, data + blake2b(data, digest_size=DIGEST).digest())
 
 
 @attack
-def a_call_in_the_list_of_segments(path: Path, canary: Path) -> None:
-    forge(path, segments=pickle.dumps([Runs(canary)], -1))
-
-
-@attack
-def a_call_in_the_oldest_protocol(path: Path, canary: Path) -> None:
-    forge(path, schema=pickle.dumps(Runs(canary), 0))
-
-
-@attack
-def a_call_by_the_operation_inst(path: Path, canary: Path) -> None:
-    forge(path, segments=f"(S'touch {canary}'\nios\nsystem\n.".encode())
-
-
-@attack
-def a_call_by_the_operation_obj(path: Path, canary: Path) -> None:
-    forge(path, segments=b"(cos\nsystem\n" + text(f"touch {canary}") + b"o.")
-
-
-@attack
-def a_call_of_eval(path: Path, canary: Path) -> None:
-    code = text(f"open({str(canary)!r}, 'w')")
-    forge(path, segments=b"\x80\x04" + text("builtins") + text("eval") + b"\x93" + code + b"\x85R.")
-
-
-@attack
-def a_call_of_a_class_that_is_allowed(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02cm2t_text.index.codec\nMapSegment\nK\x01K\x02\x86R.")
-
-
-@attack
-def attributes_of_a_class_that_is_allowed(path: Path, canary: Path) -> None:
-    name = b"cm2t_text.index.codec\nMapSegment\n"
-    forge(path, segments=b"\x80\x02" + name + b"N}" + text("is_sound") + b"Ns\x86b.")
-
-
-@attack
-def a_way_through_the_attributes_of_a_class(path: Path, canary: Path) -> None:
-    forge(
-        path,
-        segments=b"\x80\x04" + text("m2t_text.index.codec") + text("MapSegment.count.__globals__") + b"\x93.",
-    )
-
-
-@attack
-def a_registered_extension(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02\x82\x01.")
-
-
-@attack
-def a_persistent_object(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02Pobject\n.")
-
-
-@attack
-def a_class_that_is_not_ours(path: Path, canary: Path) -> None:
-    forge(path, schema=pickle.dumps(Schema(text=TEXT()), 2))
-
-
-@attack
-def a_call_in_a_segment(path: Path, canary: Path) -> None:
-    reassemble(path, directory=pickle.dumps(Runs(canary), -1))
+def a_call_in_place_of_the_json(path: Path, canary: Path) -> None:
+    forge(path, lambda own: pickle.dumps(Runs(canary), 0).decode())
 
 
 # --- Names that lead elsewhere or command the terminal
@@ -164,11 +113,6 @@ def a_call_in_a_segment(path: Path, canary: Path) -> None:
 @attack
 def a_segment_in_another_folder(path: Path, canary: Path) -> None:
     with_segment(path, lambda one: vars(one).update(segid="/../../../etc/passwd"))
-
-
-@attack
-def a_segment_of_another_index(path: Path, canary: Path) -> None:
-    with_segment(path, lambda one: vars(one).update(indexname="../MAIN"))
 
 
 @attack
@@ -297,38 +241,24 @@ def a_table_of_contents_of_a_terabyte(path: Path, canary: Path) -> None:
 
 
 @attack
-def a_string_of_an_exabyte(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x04\x8d" + struct.pack("<Q", 1 << 60) + b"abc.")
+def json_of_an_exabyte(path: Path, canary: Path) -> None:
+    data = table(path).read_bytes()[: -LENGTH - DIGEST] + (1 << 60).to_bytes(LENGTH)
+    put(path, data + blake2b(data, digest_size=DIGEST).digest())
 
 
 @attack
-def bytes_of_an_exabyte(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x05\x96" + struct.pack("<Q", 1 << 60) + b"abc.")
-
-
-@attack
-def a_schema_of_an_exabyte(path: Path, canary: Path) -> None:
-    forge(path, claim=1 << 60)
-
-
-@attack
-def a_memo_of_many_gigabytes(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02]r" + struct.pack("<I", 0x7FFFFFFF) + b".")
-
-
-@attack
-def a_key_that_takes_for_ever_to_hash(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02})" + b"2\x86" * 64 + b"Ns.")
-
-
-@attack
-def a_key_that_takes_for_ever_to_hash_without_copies(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02})" + b"q\x00h\x00\x86" * 64 + b"Ns.")
+def a_number_of_a_million_digits(path: Path, canary: Path) -> None:
+    forge(path, lambda own: own.replace('"generation": ', '"generation": ' + "1" * 1_000_000))
 
 
 @attack
 def millions_of_empty_containers(path: Path, canary: Path) -> None:
-    forge(path, segments=b"\x80\x02]" + b"(" + b"}" * 10_000_000 + b"e.")
+    forge(path, lambda own: '{"format": 4, "drives": [' + "{}," * 5_000_000 + "{}]}")
+
+
+@attack
+def json_that_is_no_object(path: Path, canary: Path) -> None:
+    forge(path, lambda own: "[1, 2]")
 
 
 @attack
@@ -348,8 +278,7 @@ def deleted_maps_that_are_not_there(path: Path, canary: Path) -> None:
 
 @attack
 def a_segment_twice(path: Path, canary: Path) -> None:
-    segments = latest(MapStorage(path)).segments
-    forge(path, segments=pickle.dumps(segments * 2, -1))
+    forge(path, lambda own: own.replace('"segments": [', f'"segments": [{json.dumps(entry_of(path))}, '))
 
 
 @attack
@@ -359,27 +288,22 @@ def a_negative_size(path: Path, canary: Path) -> None:
 
 @attack
 def a_part_beyond_the_end_of_a_segment(path: Path, canary: Path) -> None:
-    redirect(path, "text", lambda part: part.update(length=1 << 50))
+    with_segment(path, lambda one: one.parts.update(text=(one.parts["text"][0], 1 << 50)))
 
 
 @attack
 def a_part_before_the_beginning_of_a_segment(path: Path, canary: Path) -> None:
-    redirect(path, "text", lambda part: part.update(offset=-(1 << 20)))
+    with_segment(path, lambda one: one.parts.update(text=(-(1 << 20), 100)))
+
+
+@attack
+def a_segment_that_is_shorter_than_its_parts(path: Path, canary: Path) -> None:
+    rewrite(path, lambda data: data[:100])
 
 
 @attack
 def a_column_that_is_missing(path: Path, canary: Path) -> None:
     reassemble(path, {"record": lambda data: None})
-
-
-@attack
-def a_directory_beyond_the_end_of_a_segment(path: Path, canary: Path) -> None:
-    rewrite(path, lambda data: struct.pack("!q", 1 << 40) + data[8:])
-
-
-@attack
-def a_directory_that_is_the_whole_segment(path: Path, canary: Path) -> None:
-    rewrite(path, lambda data: struct.pack("!qi", 12, 0x7FFFFFFF) + data[12:])
 
 
 @attack
@@ -470,19 +394,12 @@ def parameters_that_nest_without_end(path: Path, canary: Path) -> None:
 
 @attack
 def another_version(path: Path, canary: Path) -> None:
-    toc = latest(MapStorage(path))
-    toc.schema["text"].version = 999
-    write(MapStorage(path), toc)
+    forge(path, lambda own: own.replace('"format": 4', '"format": 999'))
 
 
 @attack
 def no_seal(path: Path, canary: Path) -> None:
-    table(path).write_bytes(table(path).read_bytes()[: -len(SEAL) - DIGEST])
-
-
-@attack
-def a_schema_without_texts(path: Path, canary: Path) -> None:
-    forge(path, schema=pickle.dumps(Schema(map_id=ID()), 2))
+    table(path).write_bytes(table(path).read_bytes()[: -len(SEAL) - LENGTH - DIGEST])
 
 
 # --- Tools
@@ -493,33 +410,17 @@ def table(path: Path) -> Path:
     return path / contents_name(generation(MapStorage(path)))
 
 
-def text(string: str) -> bytes:
-    """The operation that loads a string."""
-    return b"X" + struct.pack("<I", len(string.encode())) + string.encode()
-
-
-def forge(
-    path: Path, schema: bytes | None = None, segments: bytes | None = None, claim: int | None = None
-) -> None:
-    """Writes a table of contents, sealed as it should be, of these pickles; the copy is the same."""
-    toc = latest(MapStorage(path))
-    stream = StructFile(BytesIO())
-    schema = pickle.dumps(toc.schema, 2) if schema is None else schema
-    for size in (4, 8, 4):
-        stream.write_varint(size)
-    stream.write_int(-12345)
-    stream.write_int(-111)
-    for part in (2, 7, 5):
-        stream.write_varint(part)
-    stream.write_varint(len(schema) if claim is None else claim)
-    stream.write(schema)
-    stream.write_int(toc.generation)
-    stream.write_int(0)
-    stream.write(pickle.dumps(toc.segments, -1) if segments is None else segments)
-    data = stream.file.getvalue() + SEAL
-    data += blake2b(data, digest_size=DIGEST).digest()
-    for name in (contents_name(toc.generation), copy_name(toc.generation)):
+def put(path: Path, data: bytes) -> None:
+    """Writes a table of contents, and its copy."""
+    number = generation(MapStorage(path))
+    for name in (contents_name(number), copy_name(number)):
         (path / name).write_bytes(data)
+
+
+def forge(path: Path, change: Callable[[str], str] = str, whooshs: bytes = b"") -> None:
+    """Changes the JSON of the table of contents, and what lies there for Whoosh, sealed as it should be."""
+    own = json.dumps(entries_of(latest(MapStorage(path))), sort_keys=True)
+    put(path, sealed(whooshs, change(own).encode()))
 
 
 def with_segment(path: Path, change: Callable[[MapSegment], Any]) -> None:
@@ -527,76 +428,65 @@ def with_segment(path: Path, change: Callable[[MapSegment], Any]) -> None:
     toc: TOC = latest(MapStorage(path))
     (segment,) = toc.segments
     change(segment)
-    forge(path, segments=pickle.dumps(toc.segments, -1))
+    put(path, sealed(b"", json.dumps(entries_of(toc)).encode()))
+
+
+def entry_of(path: Path) -> Any:
+    """What the table of contents says of the only segment."""
+    (entry,) = entries_of(latest(MapStorage(path)))["segments"]
+    return entry
 
 
 def with_drives(path: Path, drives: dict[str, tuple[int, float]]) -> None:
     """Changes the datasets of the table of contents."""
     toc = latest(MapStorage(path))
     toc.schema["text"].drives = drives
-    forge(path, schema=pickle.dumps(toc.schema, 2))
+    put(path, sealed(b"", json.dumps(entries_of(toc)).encode()))
 
 
 def with_parameters(path: Path, before: str, after: str) -> None:
     """Changes the parameters of the table of contents."""
-    toc = latest(MapStorage(path))
-    field = toc.schema["text"]
-    assert before in field.stored_parameters
-    field.stored_parameters = field.stored_parameters.replace(before, after)
-    forge(path, schema=pickle.dumps(toc.schema, 2))
+
+    def changed(own: str) -> str:
+        assert before in own
+        return own.replace(before, after)
+
+    forge(path, changed)
 
 
-def rewrite(path: Path, change: Callable[[bytes], bytes]) -> None:
+def rewrite(
+    path: Path, change: Callable[[bytes], bytes], parts: dict[str, tuple[int, int]] | None = None
+) -> None:
     """Changes the bytes of the only segment, and its checksum with them."""
     (file,) = path.glob("*.seg")
     data = change(file.read_bytes())
     file.write_bytes(data)
     with file.open("rb") as opened:
         digest = fingerprint(opened)
-    with_segment(path, lambda one: vars(one).update(size=len(data), digest=digest))
+
+    def tell(one: MapSegment) -> None:
+        one.size, one.digest = len(data), digest
+        one.parts = one.parts if parts is None else parts
+
+    with_segment(path, tell)
 
 
-def reassemble(
-    path: Path,
-    parts: dict[str, Callable[[bytes], bytes | None]] | None = None,
-    directory: bytes | None = None,
-) -> None:
-    """Changes columns of the only segment, or leaves them out, or puts another directory there."""
-    data, listed = packed(path, parts or {})
-    assemble(path, data, pickle.dumps(listed, -1) if directory is None else directory)
-
-
-def redirect(path: Path, column: str, change: Callable[[dict[str, Any]], None]) -> None:
-    """Changes what the directory of the only segment says of a column."""
-    data, listed = packed(path, {})
-    (name,) = (name for name in listed if name.split(".")[1] == column)
-    change(listed[name])
-    assemble(path, data, pickle.dumps(listed, -1))
-
-
-def packed(path: Path, parts: dict[str, Callable[[bytes], bytes | None]]) -> tuple[bytes, dict[str, Any]]:
-    """The columns of the only segment, changed, and their directory."""
-    data, listed = b"", {}
-    for name, part in unpacked(path).items():
-        column = name.split(".")[1]
-        changed = parts[column](part) if column in parts else part
+def reassemble(path: Path, changes: dict[str, Callable[[bytes], bytes | None]] | None = None) -> None:
+    """Changes columns of the only segment, or leaves them out."""
+    data, parts = b"", {}
+    for column, part in unpacked(path).items():
+        changed = (changes or {}).get(column, lambda part: part)(part)
         if changed is not None:
-            listed[name] = {"offset": 12 + len(data), "length": len(changed), "modified": 0.0}
+            parts[column] = (len(data), len(changed))
             data += changed
-    return data, listed
-
-
-def assemble(path: Path, data: bytes, directory: bytes) -> None:
-    head = struct.pack("!qi", 12 + len(data), len(directory) + len(pickle.dumps({}, -1)))
-    rewrite(path, lambda _: head + data + directory + pickle.dumps({}, -1))
+    rewrite(path, lambda _: data, parts)
 
 
 def unpacked(path: Path) -> dict[str, bytes]:
     """The columns of the only segment."""
-    (file,) = path.glob("*.seg")
-    with file.open("rb") as opened:
-        parts = SegmentFile(opened, file.name)
-    return {name: parts.open_file(name).get(0, parts.file_length(name)) for name in parts.list()}
+    (segment,) = latest(MapStorage(path)).segments
+    data = (path / segment.filename).read_bytes()
+    return {name: data[begin : begin + length] for name, (begin, length) in segment.parts.items()}
 
 
 def reheaded(data: bytes, **numbers: int) -> bytes:

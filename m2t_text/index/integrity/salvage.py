@@ -11,7 +11,6 @@ from m2t_text.errors import MapIndexError
 from m2t_text.index.codec import MapCodec, MapSegment
 from m2t_text.index.schema import from_record, schema_columns, to_fields
 from m2t_text.index.storage.directory import MapStorage
-from m2t_text.index.storage.segment_file import SegmentFile
 
 BROKEN = (MapIndexError, ValueError, TypeError, LookupError, NameError, OverflowError, struct.error)
 
@@ -43,8 +42,7 @@ def _columns(storage: MapStorage, segment: MapSegment) -> dict[str, Any]:
     """The readers of all columns that can be opened."""
     readers: dict[str, Any] = {}
     try:
-        with storage.open_plain(segment.filename) as file:
-            parts = SegmentFile(file, segment.filename)
+        parts = segment.open_columns(storage)
     except (*BROKEN, OSError):
         return readers
     for name, column in schema_columns().items():

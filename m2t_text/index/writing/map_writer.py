@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from whoosh.query import Term
 
-from m2t_text.config import Parameters, to_json
+from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import WORDS, Text
 from m2t_text.errors import MapIndexError, SourceError
@@ -41,7 +41,7 @@ def writing(folder: Path, parameters: Parameters, seconds: float) -> Iterator["M
         field = maker.schema["text"]
         if field.parameters != parameters and maker.segments:
             raise other_parameters(folder, field.parameters, parameters)
-        field.stored_parameters = to_json(parameters)
+        field.parameters = parameters
         writer = MapWriter(maker, folder)
         yield writer
         writer.commit()

@@ -1,53 +1,39 @@
-"""The table of contents of an index: as Whoosh writes it, sealed with a checksum, and read as data alone."""
+"""The table of contents of an index: sealed JSON, which alone is read here.
 
+The file begins with the pickles that Whoosh itself would write, so that plain Whoosh can open a sound index.
+They are written and never read: unpickling runs what a file asks for.
+"""
+
+import json
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import asdict
 from hashlib import blake2b
-from io import BytesIO
 from pathlib import Path
-from struct import error as struct_error
 from typing import Any
 
 from whoosh.filedb.filestore import RamStorage
-from whoosh.filedb.structfile import StructFile
 from whoosh.index import TOC
 
-from m2t_text.config import check_parameters, from_json
+from m2t_text.config import check_parameters, from_dict
 from m2t_text.errors import DamageError, MapIndexError, SourceError
 from m2t_text.index.codec import MapCodec, MapSegment
-from m2t_text.index.schema import FORMAT_VERSION, schema
+from m2t_text.index.schema import schema, schema_columns
 from m2t_text.index.storage.directory import MapStorage
-from m2t_text.index.storage.safe_pickle import Made, load
 from m2t_text.util.names import checked_name
 
+FORMAT_VERSION = 4
 INDEX = "MAIN"  # what Whoosh calls an index, and begins the names of its files with
 CONTENTS = re.compile(rf"_{INDEX}_(0|[1-9][0-9]{{0,8}})\.toc")
-SEAL = b"m2t-text seal "  # ends the file, and the checksum of all before it follows
-DIGEST = 16
+SEAL = b"m2t-text json "  # follows the JSON; its length and the checksum of all before end the file
+FORMER_SEAL = b"m2t-text seal "  # of formats up to 3, before a checksum
+LENGTH, DIGEST = 8, 16  # bytes of both
 LIMIT = 16 << 20  # bytes of a table of contents at most
+MAPS = 2**62  # in an index, fewer
 SEGMENT = re.compile(r"[0-9a-z]{16}")
 CHECKSUM = re.compile(r"[0-9a-f]{32}")
-
-SCHEMA_CLASSES = frozenset(
-    {
-        "__builtin__ float",
-        "__builtin__ long",
-        "m2t_text.index.column ArrayColumn",
-        "m2t_text.index.column KeypointColumn",
-        "m2t_text.index.column NameColumn",
-        "m2t_text.index.schema NumberField",
-        "m2t_text.index.schema PlainField",
-        "m2t_text.index.schema RecordField",
-        "m2t_text.index.schema TextField",
-        "whoosh.analysis.tokenizers IDTokenizer",
-        "whoosh.fields ID",
-        "whoosh.fields Schema",
-        "whoosh.formats Existence",
-    }
-)
-SEGMENT_CLASSES = frozenset({"m2t_text.index.codec MapCodec", "m2t_text.index.codec MapSegment"})
-MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, struct_error)
+MALFORMED = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
 
 
 def generation(storage: MapStorage) -> int:
@@ -84,13 +70,21 @@ def latest(storage: MapStorage) -> TOC:
 
 
 def read(storage: MapStorage, name: str) -> TOC:
-    """The table of contents in a file, every part of it made anew from plain data."""
+    """The table of contents in a file.
+
+    Raises:
+        MapIndexError: if it is of another version.
+        DamageError: if it is damaged, or claims what an index of ours cannot.
+    """
     with storage.open_plain(name) as file:
         data = file.read(LIMIT + 1)
     if len(data) > LIMIT:
         raise DamageError(f"{name} is too long")
     try:
-        return _parsed(data, storage.path)
+        entries = json.loads(_unsealed(data, storage.path))
+        if entries["format"] != FORMAT_VERSION:
+            raise _other_format(storage.path, int(entries["format"]))
+        return _contents(entries)
     except SourceError as error:
         raise DamageError(f"{name}: {error}") from error
     except MALFORMED as error:
@@ -105,85 +99,96 @@ def write(storage: MapStorage, contents: TOC) -> None:
     """
     memory = RamStorage()
     contents.write(memory, INDEX)
-    (name,) = memory.list()
-    data = bytes(memory.files[name]) + SEAL
-    data += blake2b(data, digest_size=DIGEST).digest()
+    (whooshs,) = memory.files.values()
+    data = sealed(bytes(whooshs), json.dumps(entries_of(contents), sort_keys=True).encode())
     if len(data) > LIMIT:
         raise MapIndexError("the index has too many deleted maps to keep account of; optimize it")
-    storage.put(copy_name(contents.generation), data)
-    storage.put(name, data)
+    for name in (copy_name(contents.generation), contents_name(contents.generation)):
+        storage.put(name, data)
 
 
-def _parsed(data: bytes, folder: Path) -> TOC:
-    end = len(data) - len(SEAL) - DIGEST
-    sealed = data[max(end, 0) : -DIGEST] == SEAL
-    if sealed and blake2b(data[:-DIGEST], digest_size=DIGEST).digest() != data[-DIGEST:]:
+def sealed(whooshs: bytes, own: bytes) -> bytes:
+    """The file of a table of contents: Whoosh's bytes, then our JSON and its checksum."""
+    data = whooshs + own + SEAL + len(own).to_bytes(LENGTH)
+    return data + blake2b(data, digest_size=DIGEST).digest()
+
+
+def _unsealed(data: bytes, folder: Path) -> bytes:
+    """The JSON in a table of contents."""
+    body, digest = data[:-DIGEST], data[-DIGEST:]
+    if body.endswith(FORMER_SEAL):
+        raise _other_format(folder, 3)
+    end = len(body) - LENGTH - len(SEAL)
+    if end < 0 or body[end:-LENGTH] != SEAL:
+        raise DamageError("it is not one of maps, or its table of contents was cut off")
+    if blake2b(body, digest_size=DIGEST).digest() != digest:
         raise DamageError("the checksum of its table of contents is wrong")
-    stream = StructFile(BytesIO(data[:end] if sealed else data))
-    for _ in range(3):  # sizes of numbers
-        stream.read_varint()
-    stream.read_int()  # order of bytes
-    stream.read_int()  # Whoosh's version of the format
-    for _ in range(3):  # Whoosh's version
-        stream.read_varint()
-    description, _ = load(stream.read_string(), SCHEMA_CLASSES)
-    text = _state(_state(description)["_fields"].get("text"), "TextField")
-    if text["version"] != FORMAT_VERSION:
-        raise MapIndexError(
-            f"the index in {folder} has format {int(text['version'])}, this program reads {FORMAT_VERSION}; "
-            "index the logs again into another folder"
-        )
-    if not sealed:
-        raise DamageError("its table of contents was cut off")
-    number, _ = stream.read_int(), stream.read_int()
-    segments, _ = load(stream.read(), SEGMENT_CLASSES)
-    return TOC(_schema(text), _segments(segments), number)
+    return body[max(0, end - int.from_bytes(body[-LENGTH:])) : end]
 
 
-def _state(made: Any, name: str = "") -> dict[str, Any]:
-    """The attributes of what would be an object of a class that ends in this name."""
-    if not (isinstance(made, Made) and made.name.endswith(name) and isinstance(made.state, dict)):
-        raise DamageError("it is not one of maps")
-    return made.state
+def _other_format(folder: Path, found: int) -> MapIndexError:
+    return MapIndexError(
+        f"the index in {folder} has format {found}, this program reads {FORMAT_VERSION}; "
+        "index the logs again into another folder"
+    )
 
 
-def _schema(text: dict[str, Any]) -> Any:
-    """The schema, with the parameters and the datasets' drives of the one that is described."""
-    try:
-        made = schema(check_parameters(from_json(text["stored_parameters"])))
-    except (*MALFORMED, RecursionError) as error:
-        raise DamageError("its parameters cannot be right") from error
-    for name, (scans, metres) in text["drives"].items():
-        if not (_count(scans) and type(metres) is float and math.isfinite(metres)):
+def entries_of(contents: TOC) -> dict[str, Any]:
+    """All that is known of a state of the index, as JSON has it."""
+    text = contents.schema["text"]
+    return {
+        "format": FORMAT_VERSION,
+        "generation": contents.generation,
+        "parameters": asdict(text.parameters),
+        "drives": text.drives,
+        "segments": [
+            {
+                "id": segment.segid,
+                "size": segment.size,
+                "digest": segment.digest,
+                "documents": segment.doc_count_all(),
+                "deleted": sorted(segment.deleted_docs()),
+                "maps": segment.maps,
+                "parts": segment.parts,
+            }
+            for segment in contents.segments
+        ],
+    }
+
+
+def _contents(entries: dict[str, Any]) -> TOC:
+    """The table of contents of which `entries_of` tells; every number that decides on memory is checked."""
+    made = schema(check_parameters(from_dict(entries["parameters"])))
+    for name, (scans, metres) in entries["drives"].items():
+        if not (type(metres) is float and math.isfinite(metres)):
             raise DamageError("the length of a drive cannot be right")
-        made["text"].drives[checked_name(name)] = (scans, metres)
-    return made
-
-
-def _segments(made: list[Any]) -> list[MapSegment]:
-    segments = [_segment(_state(one, " MapSegment")) for one in made]
+        made["text"].drives[checked_name(name)] = (_count(scans), metres)
+    segments = [_segment(entry) for entry in entries["segments"]]
     if len({segment.segid for segment in segments}) < len(segments):
         raise DamageError("it names a segment twice")
-    return segments
+    return TOC(made, segments, _count(entries["generation"]))
 
 
-def _segment(state: dict[str, Any]) -> MapSegment:
-    """A segment; what names its file, and numbers that decide on memory, are checked."""
-    number, maps, deleted = state["segid"], state["_doccount"], state["_deleted"] or set()
-    size, digest = state["size"], state["digest"]
-    named = SEGMENT.fullmatch(number) and CHECKSUM.fullmatch(digest) and state["indexname"] == INDEX
-    counted = _count(maps) and _count(size) and maps <= size
-    if not (named and counted and all(0 <= one < maps for one in deleted)):
-        raise DamageError("the name or the size of a segment cannot be right")
-    segment = MapSegment(MapCodec(), INDEX, doccount=maps, segid=number, deleted=set(deleted) or None)
+def _segment(entry: dict[str, Any]) -> MapSegment:
+    number, digest, size = entry["id"], entry["digest"], _count(entry["size"])
+    maps, deleted = _count(entry["documents"], size + 1), entry["deleted"]
+    if not (SEGMENT.fullmatch(number) and CHECKSUM.fullmatch(digest)):
+        raise DamageError("the name of a segment cannot be right")
+    gone = {_count(one, maps) for one in deleted}
+    segment = MapSegment(MapCodec(), INDEX, doccount=maps, segid=number, deleted=gone or None)
     segment.size, segment.digest, segment.compound = size, digest, True
-    segment.maps = {checked_name(name): maps for name, maps in state["maps"].items() if _count(maps)}
-    segment._fieldlengths = {}
+    segment.maps = {checked_name(name): _count(live, maps + 1) for name, live in entry["maps"].items()}
+    for name in schema_columns():
+        begin, length = entry["parts"][name]
+        segment.parts[name] = (_count(begin, size + 1), _count(length, size - begin + 1))
     return segment
 
 
-def _count(value: Any) -> bool:
-    return type(value) is int and 0 <= value < 2**62
+def _count(value: Any, end: int = MAPS) -> int:
+    """The value, if it is one of 0...end - 1."""
+    if type(value) is not int or not 0 <= value < end:
+        raise DamageError("a number in it cannot be right")
+    return value
 
 
 def files_of(contents: TOC) -> Iterable[str]:

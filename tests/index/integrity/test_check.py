@@ -11,7 +11,6 @@ from m2t_text.errors import MapIndexError
 from m2t_text.index.integrity.check import DatasetCheck, check_index, repair_index
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.schema import RECORD
-from m2t_text.index.storage.segment_file import SegmentFile
 
 STATE = {"a": MAPS - 1, "b": 2 * MAPS - 1, "c": 3, "d": 16}
 
@@ -36,8 +35,7 @@ def hurt(index: MapIndex, map_id: str, column: str) -> Path:
     (leaf,) = [leaf for leaf in index.whoosh.reader().leaf_readers() if leaf[0].segment().filename == file.name]
     number = leaf[0].first_id("map_id", map_id)
     before = {"record": np.dtype(RECORD).itemsize * number, "dataset": 4 * number}
-    with file.open("rb") as opened:
-        begin, _ = SegmentFile(opened, file.name).range(f"{file.stem}.{column}.col")
+    begin, _ = leaf[0].segment().parts[column]
     data = bytearray(file.read_bytes())
     data[begin + before[column]] ^= 1
     file.write_bytes(data)

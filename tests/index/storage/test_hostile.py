@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from map_oracle import document, random_text
 from states import built, contents, copied, expected
+from whoosh.index import open_dir
 
-from m2t_text.errors import DamageError, MapIndexError
+from m2t_text.errors import MapIndexError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.search.weighting import HistogramIntersection, OffsetAgreement
-from m2t_text.index.storage.safe_pickle import Made, load
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
@@ -42,6 +42,23 @@ def test_the_tools_of_the_attacks_harm_nothing_by_themselves(index: MapIndex, tm
         tool(copy.path)
         assert hostile.suffer(copy, tmp_path / "again", tmp_path / "canary", lambda path, canary: None) is None
         assert contents(copy) == expected(STATE)
+
+
+@pytest.mark.parametrize("protocol", [0, 2, 5])
+def test_the_pickles_that_whoosh_keeps_are_never_read(index: MapIndex, tmp_path: Path, protocol: int) -> None:
+    """They are there for plain Whoosh; here a call in one runs nothing, and the next commit removes it."""
+    canary = tmp_path / "canary"
+    copy = copied(index, tmp_path / "index")
+    hostile.forge(copy.path, whooshs=pickle.dumps(hostile.Runs(canary), protocol))
+    assert hostile.suffer(copy, tmp_path / "again", canary, lambda path, canary: None) is None
+    assert contents(copy) == expected(STATE) and not canary.exists()
+    copy.replace("a", [])
+    assert b"touch" not in hostile.table(copy.path).read_bytes()
+
+
+def test_plain_whoosh_opens_a_sound_index(index: MapIndex) -> None:
+    with open_dir(index.path).searcher() as searcher:
+        assert {fields["map_id"] for fields in searcher.documents()} == set(expected(STATE))
 
 
 def test_a_linked_folder_for_what_is_not_committed_keeps_its_files(index: MapIndex, tmp_path: Path) -> None:
@@ -76,31 +93,3 @@ def test_random_keypoints_lead_no_search_astray(index: MapIndex, tmp_path: Path,
                 assert np.isfinite(scores.score).all() and len(best.score) <= len(scores.score)
 
     children.call(work)
-
-
-@pytest.mark.parametrize("protocol", [2, 5])
-def test_plain_data_is_read_as_python_does(protocol: int) -> None:
-    data = {
-        "a": [1, -5, 70_000, 2**40, None, True, 0.5],
-        "ü" * 300: ((), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
-    }
-    data["many"] = list(range(3000))  # type: ignore[assignment]
-    assert load(pickle.dumps(data, protocol) + b"more") == (data, len(pickle.dumps(data, protocol)))
-    assert load(pickle.dumps({1, 2, 300}, 5))[0] == {1, 2, 300}
-
-
-def test_objects_are_described_and_not_made() -> None:
-    name = "builtins object"
-    made, _ = load(b"\x80\x02cbuiltins\nobject\n)\x81}X\x01\x00\x00\x00aK\x05sb.", frozenset({name}))
-    assert isinstance(made, Made) and made.name == name and made.state == {"a": 5}
-    for broken in (
-        b"",
-        b"\x80\x02",
-        b".",
-        b"\x80\x02]",
-        b"\x80\x02}K\x01K\x02s.",
-        b"\x80\x02h\x05.",
-        b"\x80\x02e.",
-    ):
-        with pytest.raises(DamageError):
-            load(broken, frozenset({name}))

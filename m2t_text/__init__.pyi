@@ -8,7 +8,7 @@ from .index.map_index import MapIndex, open_index
 from .index.merging import indexes_in, merge
 from .index.results import DatasetSummary, Hit, IndexInfo
 from .logs import read_log
-from .logs.log import Log, Scan, Topics
+from .logs.log import Log, LogOptions, Scan
 from .logs.simulator import Simulation, simulate, write_carmen
 from .pipeline import describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
@@ -33,6 +33,7 @@ __all__ = [
     "IndexInfo",
     "Log",
     "LogError",
+    "LogOptions",
     "LogSource",
     "M2TError",
     "MapIndex",
@@ -47,7 +48,6 @@ __all__ = [
     "SourceOptions",
     "Text",
     "TextError",
-    "Topics",
     "align",
     "describe_at",
     "describe_log",

@@ -14,7 +14,7 @@ from m2t_text.description.text import parse
 from m2t_text.errors import CloudError, LogError, QueryError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, Scan, read_log
-from m2t_text.logs.carmen import half_circle
+from m2t_text.logs.beams import half_circle
 from m2t_text.logs.raycast import cast
 from m2t_text.logs.simulator import write_carmen
 from m2t_text.mapping.normals import cloud_normals

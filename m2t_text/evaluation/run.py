@@ -3,7 +3,7 @@
 Several logs are also looked up in each other, where every `match` is wrong."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +20,7 @@ from m2t_text.evaluation.protocol import APART, NEAR, GroundTruth, draw
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
 from m2t_text.pipeline import describe_log
-from m2t_text.sources.opening import dataset_names, open_log
+from m2t_text.sources.opening import SourceOptions, dataset_names, open_log
 from m2t_text.util.types import SourceProgress
 
 
@@ -34,6 +34,7 @@ class Request:
         queries: number of queries drawn of each dataset; None for all.
         seed: of that draw.
         jobs: processes.
+        options: how to read the sources; a name where there is one source only.
     """
 
     sources: Sequence[Path]
@@ -41,6 +42,7 @@ class Request:
     queries: int | None = None
     seed: int = 0
     jobs: int = 1
+    options: SourceOptions = field(default_factory=SourceOptions)
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,8 @@ def evaluate(request: Request, progress: SourceProgress | None = None) -> Evalua
     """
     tell = progress or (lambda what, stage, done, of: None)
     parameters = parameters_of(request.profile)
-    names = dataset_names(request.sources, "evaluated")
-    logs = [read_with_truth(path, name, tell) for path, name in zip(request.sources, names, strict=True)]
+    named = zip(request.sources, dataset_names(request.sources, "evaluated", request.options.name), strict=True)
+    logs = [read_with_truth(path, name, tell, request.options) for path, name in named]
     with TemporaryDirectory(prefix="m2t-text-") as folder:
         prepared = [
             _prepared(log, Path(folder) / str(n), parameters, request, partial(tell, log.name))
@@ -99,9 +101,9 @@ class _Prepared:
     queries: NDArray[np.int64]
 
 
-def read_with_truth(path: Path, name: str, tell: SourceProgress) -> Log:
+def read_with_truth(path: Path, name: str, tell: SourceProgress, options: SourceOptions | None = None) -> Log:
     """The log of a file. Raises SourceError if it cannot be read, LogError if it has no ground truth."""
-    log = open_log(path, progress=partial(tell, name, "reading"))
+    log = open_log(path, options, partial(tell, name, "reading"))
     if log.ground_truth is None:
         raise LogError(
             f"{str(path)!r} has no ground truth to judge by: name a log with corrected poses and raw odometry"

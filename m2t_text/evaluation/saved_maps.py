@@ -5,7 +5,7 @@ and scans alone, are looked up in it, and the ground truth judges where they are
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -32,7 +32,7 @@ from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
 from m2t_text.saved_maps.occupancy_mapping import draw_map
 from m2t_text.saved_maps.sampling import FEWEST
 from m2t_text.saved_maps.writing import write_map
-from m2t_text.sources.opening import dataset_names
+from m2t_text.sources.opening import SourceOptions, dataset_names
 from m2t_text.sources.saved_map import SavedMap
 from m2t_text.util.geometry import transform, travel
 from m2t_text.util.types import Floats, SourceProgress
@@ -53,6 +53,7 @@ class Request:
         seed: of the draw.
         jobs: processes.
         folder: where the maps are kept; None to keep none.
+        options: how to read the logs; a name where there is one only.
     """
 
     sources: Sequence[Path]
@@ -62,6 +63,7 @@ class Request:
     seed: int = 0
     jobs: int = 1
     folder: Path | None = None
+    options: SourceOptions = field(default_factory=SourceOptions)
 
 
 @dataclass(frozen=True)
@@ -121,8 +123,8 @@ def evaluate(request: Request, progress: SourceProgress | None = None) -> list[E
         M2TError: if two sources would be one dataset, or a map cannot be written.
     """
     tell = progress or (lambda what, stage, done, of: None)
-    names = dataset_names(request.sources, "evaluated")
-    logs = [read_with_truth(path, name, tell) for path, name in zip(request.sources, names, strict=True)]
+    named = zip(request.sources, dataset_names(request.sources, "evaluated", request.options.name), strict=True)
+    logs = [read_with_truth(path, name, tell, request.options) for path, name in named]
     with TemporaryDirectory(prefix="m2t-text-") as temporary:
         return [_evaluated(log, Path(temporary), PROFILES["default"], request, tell) for log in logs]
 

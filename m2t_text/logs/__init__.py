@@ -3,22 +3,22 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from m2t_text.logs.log import Log, Scan, Topics
+from m2t_text.logs.log import Log, LogOptions, Scan
 from m2t_text.util.names import is_bag
 
-__all__ = ["Log", "Scan", "Topics", "read_log"]
+__all__ = ["Log", "LogOptions", "Scan", "read_log"]
 
 
 def read_log(
     path: str | Path,
     name: str | None = None,
     progress: Callable[[int, int], None] | None = None,
-    topics: Topics | None = None,
+    options: LogOptions | None = None,
 ) -> Log:
     """Read a laser log, CARMEN's or a ROS bag; ``name`` defaults to ``dataset_name(path)``.
 
     ``progress`` is called with how much was read so far and how much there is: bytes, or messages of a bag.
-    ``topics`` of a bag are found by their types where they are not named.
+    ``options`` say what the file leaves open.
     Raises LogError with one line that says what is wrong, where, and what to do.
 
     Examples:
@@ -31,7 +31,7 @@ def read_log(
     if is_bag(file):
         from m2t_text.logs.bag import read_bag
 
-        return read_bag(file, name, progress, topics)
+        return read_bag(file, name, progress, options)
     from m2t_text.logs.carmen import read_carmen
 
-    return read_carmen(file, name, progress)
+    return read_carmen(file, name, progress, options)

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from m2t_text.errors import LogError, PartError, clean
 from m2t_text.logs.frames import planar
-from m2t_text.logs.log import Log, Topics
+from m2t_text.logs.log import Log, LogOptions
 from m2t_text.logs.odometry import Track, interpolate
 from m2t_text.logs.recording import Recording
 from m2t_text.logs.ros import LASER, ODOMETRY, TRANSFORMS, Bag, open_bag
@@ -22,7 +23,7 @@ LISTED = 12  # topics or frames named in one line
 
 
 def read_bag(
-    path: Path, name: str | None = None, progress: Progress | None = None, topics: Topics | None = None
+    path: Path, name: str | None = None, progress: Progress | None = None, options: LogOptions | None = None
 ) -> Log:
     """Read a ROS bag: LaserScan messages, with the odometry of Odometry messages or else of tf.
 
@@ -36,18 +37,20 @@ def read_bag(
     name = dataset_name(path) if name is None else checked_name(name)
     try:
         with open_bag(path) as bag:
-            recording = _record(bag, topics or Topics(), progress)
-        return _log(name, recording)
+            recording = _record(bag, options or LogOptions(), progress)
+        return _log(name, recording, options or LogOptions())
     except PartError as error:
         raise LogError(clean(f"{shown(path)}: {error}")) from error
 
 
-def _record(bag: Bag, topics: Topics, progress: Progress | None) -> Recording:
+def _record(bag: Bag, options: LogOptions, progress: Progress | None) -> Recording:
     held = _listed(f"{topic} ({_plain(kind)})" for topic, kind in sorted(bag.topics.items()))
-    laser = _topic(bag, (LASER,), topics.scan, "--scan-topic")
+    if len(options.scan) > 1:
+        raise PartError("--scan-topic: one laser of a bag is read; name one topic")
+    laser = _topic(bag, (LASER,), next(iter(options.scan), None), "--scan-topic")
     if laser is None:
         raise PartError(f"no laser scans ({_plain(LASER)}) in the bag; its topics are {held}")
-    odometry = _topic(bag, (ODOMETRY, TRANSFORMS), topics.odometry, "--odometry-topic")
+    odometry = _topic(bag, (ODOMETRY, TRANSFORMS), options.odometry, "--odometry-topic")
     transforms = {topic for topic, kind in bag.topics.items() if kind == TRANSFORMS}
     if odometry is None and not transforms:
         raise PartError(f"no odometry ({_plain(ODOMETRY)}) and no tf in the bag; its topics are {held}")
@@ -74,7 +77,7 @@ def _topic(bag: Bag, kinds: tuple[str, ...], wanted: str | None, option: str) ->
     return held[0] if held else None
 
 
-def _log(name: str, recording: Recording) -> Log:
+def _log(name: str, recording: Recording, options: LogOptions) -> Log:
     damage, skipped, kept = recording.damage, recording.skipped, len(recording.sweeps)
     found = "".join(f" ({line})" for line in damage.report()[:1])
     if skipped > kept:
@@ -82,7 +85,7 @@ def _log(name: str, recording: Recording) -> Log:
     if kept == 0:
         raise PartError(f"no scan can be read{found}: record or fetch it again")
     robot, wheels = _odometry(recording, found)
-    mounted = _mounted(recording, robot)
+    mounted = None if options.laser_pose else _mounted(recording, robot)
     sweeps = []
     for sweep in sorted(recording.sweeps, key=lambda sweep: sweep.time):
         if wheels.times[0] - OUTSIDE <= sweep.time <= wheels.times[-1] + OUTSIDE:
@@ -95,12 +98,15 @@ def _log(name: str, recording: Recording) -> Log:
             "are the stamps of one clock?"
         )
     times = np.array([sweep.time for sweep in sweeps])
-    poses, _ = interpolate(Track(times, times, np.empty((0, 3))), wheels)
-    upright = mounted[2, 2] > 0
+    poses, drives, _ = interpolate(Track(times, times, np.empty((0, 3))), wheels)
+    upright = not options.upside_down and (mounted is None or mounted[2, 2] > 0)
     return Log(
         name=name,
-        scans=tuple(sweep.scan(pose, upright) for sweep, pose in zip(sweeps, poses, strict=True)),
-        laser_pose=planar(mounted),
+        scans=tuple(
+            replace(sweep.scan(pose, upright), drive=int(drive))
+            for sweep, pose, drive in zip(sweeps, poses, drives, strict=True)
+        ),
+        laser_pose=planar(mounted) if mounted is not None else np.array(options.laser_pose),
         warnings=tuple(clean(line) for line in damage.report()),
     )
 

@@ -9,6 +9,7 @@ from m2t_text.errors import LogError
 from m2t_text.util.types import Floats
 
 ARM = 20.0  # m; no laser sits farther from its robot, and a map would be as wide as the robot
+ALONE = "nothing in the log tells how the robot moved: its trajectory is that of scan matching alone"
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,34 @@ class Scan:
 
 
 @dataclass(frozen=True)
-class Topics:
-    """Which topics of a bag to read; None for the only one of its type."""
+class LogOptions:
+    """How to read a log, where its file leaves that open.
 
-    scan: str | None = None
+    Attributes:
+        scan: topics of a bag with the scans of lasers that are read as one; none for the only one. Of a CARMEN
+            log, the first word of the scans' lines.
+        odometry: topic of a bag; None for the only one, ``"none"`` to go by scan matching alone.
+        laser_pose: (3,) metres and radians, the laser's on the robot, instead of what the log says.
+        upside_down: whether the laser hangs upside down, instead of what the log says.
+        height: metres above the ground, or in the robot's frame if it is given: the band to which clouds of
+            points are cut.
+
+    Raises LogError if the band is none, or the pose is not finite.
+    """
+
+    scan: tuple[str, ...] = ()
     odometry: str | None = None
+    laser_pose: tuple[float, float, float] | None = None
+    upside_down: bool = False
+    height: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.height is not None and not self.height[0] < self.height[1]:  # nor is it with a NaN
+            raise LogError("--height takes two heights in metres, the lower one first, as --height 0.3 1.5")
+        if self.laser_pose is not None and not all(abs(value) <= ARM for value in self.laser_pose):
+            raise LogError(
+                f"--laser-pose takes metres, {ARM:g} at most, and degrees, as --laser-pose 0.2 0 180"
+            )
 
 
 @dataclass(frozen=True)

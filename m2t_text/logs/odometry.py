@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from m2t_text.logs.leaps import drives_of, joined, leaps
 from m2t_text.util.geometry import between, compose, inverse, wrap
 from m2t_text.util.types import Floats
 
@@ -29,12 +30,14 @@ class Poses:
 
     Attributes:
         odometry: (S, 3) of the robot, from the wheels alone.
+        drives: (S,) the number of each scan's drive; odometry leaps from one to the next.
         truth: (S, 3) corrected robot poses, or None.
         laser: (3,) pose of the laser in the robot's frame.
         backwards: lines at which time ran backwards.
     """
 
     odometry: Floats
+    drives: NDArray[np.int64]
     truth: Floats | None
     laser: Floats
     backwards: Floats
@@ -50,6 +53,8 @@ def separate(lasers: Track, robots: Floats, wheels: Track, damaged: Floats, offs
     Four kinds of logs are told apart: corrected and restarted (see ``restarts``); corrected, with odometry
     lines that the scans' poses leave; corrected without odometry lines, the first pose of a scan leaving the
     second; and not corrected.
+
+    Raises PartError if the odometry cannot be that of one robot.
     """
     laser, rigid = _laser_pose(lasers.poses, robots, offset)
     same = bool(np.array_equal(lasers.poses, robots))
@@ -63,12 +68,23 @@ def separate(lasers: Track, robots: Floats, wheels: Track, damaged: Floats, offs
             chained = chain(wheels.poses[0], np.where(restart[1:, None], 0.0, steps))
             times = wheels.times.copy()
             times[1:][restart[1:]] = wheels.times[:-1][restart[1:]]
-            odometry, backwards = interpolate(lasers, Track(wheels.lines, times, chained))
-            return Poses(compose(odometry, inverse(laser)), corrected, laser, backwards)
-        odometry, backwards = interpolate(lasers, wheels)
+            odometry, drives, backwards = interpolate(lasers, Track(wheels.lines, times, chained))
+            return Poses(compose(odometry, inverse(laser)), drives, corrected, laser, backwards)
+        odometry, drives, backwards = interpolate(lasers, wheels)
         if not _on_track(robots, lasers.lines, wheels):
-            return Poses(odometry, corrected, laser, backwards)
-    return Poses(_wrapped(robots), None if rigid else corrected, laser, backwards)
+            return Poses(odometry, drives, corrected, laser, backwards)
+    drives = drives_of(leaps(robots, lasers.times))
+    return Poses(joined(robots, drives), drives, None if rigid else corrected, laser, backwards)
+
+
+def from_wheels(scans: Track, wheels: Track, offset: float) -> Poses:
+    """The poses of scans that are written without any, by the odometry lines; `separate` tells of the rest."""
+    laser = np.array([offset, 0.0, 0.0])
+    if len(wheels.lines) < 2:
+        count = len(scans.lines)
+        return Poses(np.zeros((count, 3)), np.zeros(count, dtype=np.int64), None, laser, np.empty(0))
+    odometry, drives, backwards = interpolate(scans, wheels)
+    return Poses(odometry, drives, None, laser, backwards)
 
 
 def restarts(scans: Track, wheels: Track, damaged: Floats) -> NDArray[np.bool_] | None:
@@ -98,10 +114,11 @@ def chain(start: Floats, steps: Floats) -> Floats:
     return np.column_stack([xy, wrap(theta)])
 
 
-def interpolate(scans: Track, wheels: Track) -> tuple[Floats, Floats]:
-    """Wheel poses (S, 3) at the scans, and the lines at which time runs backwards.
+def interpolate(scans: Track, wheels: Track) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Wheel poses (S, 3) at the scans, their drives (S,), and the lines at which time runs backwards.
 
-    Interpolated by time; by line where the times are missing, too coarse or run backwards.
+    Interpolated by time; by line where the times are missing, too coarse or run backwards. Each drive is laid
+    where the one before ends.
     """
     lines = np.concatenate([scans.lines, wheels.lines])
     order = np.argsort(lines, kind="stable")
@@ -112,9 +129,12 @@ def interpolate(scans: Track, wheels: Track) -> tuple[Floats, Floats]:
     timed = np.unique(scans.times).size > scans.times.size / 2
     usable = timed and not late.any()
     keys, at = (wheels.times, scans.times) if usable else (wheels.lines, scans.lines)
-    columns = (*wheels.poses[:, :2].T, np.unwrap(wheels.poses[:, 2]))
+    drives = drives_of(leaps(wheels.poses, wheels.times if timed else np.zeros(len(wheels.times))))
+    tracked = joined(wheels.poses, drives) if drives[-1] else wheels.poses
+    columns = (*tracked[:, :2].T, np.unwrap(tracked[:, 2]))
     poses = np.column_stack([np.interp(at, keys, column) for column in columns])
-    return _wrapped(poses), lines[order][late] if timed else np.empty(0)
+    driven = drives[np.maximum(np.searchsorted(keys, at, side="right") - 1, 0)]
+    return _wrapped(poses), driven, lines[order][late] if timed else np.empty(0)
 
 
 def _wrapped(poses: Floats) -> Floats:

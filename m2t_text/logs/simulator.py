@@ -9,8 +9,8 @@ import numpy as np
 from numpy.random import Generator
 
 from m2t_text.errors import LogError
+from m2t_text.logs.beams import half_circle
 from m2t_text.logs.building import SHORTEST, Building, build
-from m2t_text.logs.carmen import half_circle
 from m2t_text.logs.driving import drive, part_of_tour, walks
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import chain

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from m2t_text.config import Parameters
 from m2t_text.description.source import Described, Source
 from m2t_text.errors import LogError, M2TError, SourceError
-from m2t_text.logs import Log, Topics, read_log
+from m2t_text.logs import Log, LogOptions, read_log
 from m2t_text.util.files import is_file, is_folder
 from m2t_text.util.names import BAGS, CLOUDS, LOGS, SAVED_MAPS, checked_name, dataset_name, is_bag
 from m2t_text.util.types import Progress, StageProgress
@@ -26,19 +26,11 @@ class SourceOptions:
 
     Attributes:
         name: of the dataset; None for that of the file.
-        topics: of a bag.
-        height: metres, the band to which a cloud of three dimensions is cut; None for one above its floor.
-
-    Raises M2TError if that is no band.
+        log: of a log; its band of heights is a point cloud's, too.
     """
 
     name: str | None = None
-    topics: Topics = field(default_factory=Topics)
-    height: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        if self.height is not None and not self.height[0] < self.height[1]:  # nor is it with a NaN
-            raise M2TError("--height takes two heights in metres, the lower one first, as --height 0.3 1.5")
+    log: LogOptions = field(default_factory=LogOptions)
 
 
 @dataclass(frozen=True)
@@ -94,13 +86,13 @@ class CloudSource:
 
 
 def _open_log(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
-    return LogSource(read_log(path, options.name, progress, options.topics))
+    return LogSource(read_log(path, options.name, progress, options.log))
 
 
 def _open_cloud(path: Path, options: SourceOptions, progress: Progress | None) -> Source:
     from m2t_text.clouds import read_cloud  # compiled code, slow to import
 
-    return CloudSource(read_cloud(path, options.name, options.height, progress))
+    return CloudSource(read_cloud(path, options.name, options.log.height, progress))
 
 
 def _open_saved_map(path: Path, options: SourceOptions, progress: Progress | None) -> Source:

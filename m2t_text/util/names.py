@@ -13,6 +13,11 @@ ENDINGS = (*LOGS, *BAGS, *CLOUDS, *SAVED_MAPS)
 NAME_LENGTH = 200  # characters; leaves room for endings within a file system's usual 255
 
 
+def known_endings() -> str:
+    """All endings that are read, for a message."""
+    return ", ".join(ENDINGS)
+
+
 def is_bag(path: Path) -> bool:
     """Whether it is named as a ROS bag, or is the folder of one."""
     return is_file(path / "metadata.yaml") if is_folder(path) else path.suffix.lower() in BAGS

@@ -15,9 +15,9 @@ from m2t_text.clouds import READERS, read_cloud
 from m2t_text.clouds.cloud import Cloud, occupied
 from m2t_text.config import PROFILES
 from m2t_text.errors import CloudError, M2TError
+from m2t_text.logs import LogOptions
 from m2t_text.mapping.local_map import occupied as dense
 from m2t_text.pipeline import describe
-from m2t_text.sources.opening import SourceOptions
 from m2t_text.util.names import CLOUDS
 
 
@@ -175,7 +175,7 @@ def test_a_cloud_is_cut_to_the_heights_that_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("height", [(1.0, 1.0), (2.0, 1.0), (float("nan"), 1.0)])
 def test_heights_that_are_no_band_are_refused(height: tuple[float, float]) -> None:
     with pytest.raises(M2TError, match="--height takes two heights in metres, the lower one first"):
-        SourceOptions(height=height)
+        LogOptions(height=height)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

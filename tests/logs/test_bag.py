@@ -17,7 +17,7 @@ from soundness import assert_sound_or_refused, at_most
 
 from m2t_text.config import PROFILES
 from m2t_text.errors import LogError
-from m2t_text.logs import Log, Topics, read_log
+from m2t_text.logs import Log, LogOptions, read_log
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.pipeline import describe_log
 from m2t_text.util.geometry import compose
@@ -29,8 +29,8 @@ HIT = (1.0, 2.0, 3.0, 4.0)
 DEFAULT = PROFILES["default"]
 
 
-def read(folder: Path, sent: Sequence[Sent], topics: Topics | None = None) -> Log:
-    return read_log(ROS2.write(folder / "a.mcap", sent), topics=topics)
+def read(folder: Path, sent: Sequence[Sent], options: LogOptions | None = None) -> Log:
+    return read_log(ROS2.write(folder / "a.mcap", sent), options=options)
 
 
 def drive(count: int = 4, child: str = "base_link", frame: str = "laser") -> list[Sent]:
@@ -194,7 +194,7 @@ def test_tf_can_be_named_where_there_is_odometry_too(tmp_path: Path) -> None:
     for t in (1.0, 2.0, 3.0, 4.0):
         sent.append(Sent(t, "/tf", ROS2.transforms(t, ("odom", "base_link", (0, t, 0), LEVEL))))
     assert read(tmp_path, sent).odometry[:, 0] == pytest.approx([1, 2, 3, 4])
-    by_tf = read(tmp_path / "b", sent, Topics(odometry="/tf"))
+    by_tf = read(tmp_path / "b", sent, LogOptions(odometry="/tf"))
     assert by_tf.odometry[:, 1] == pytest.approx([1, 2, 3, 4])
 
 
@@ -224,46 +224,46 @@ def test_numbers_that_are_no_decimals_stay_what_they_are(tmp_path: Path) -> None
 
 FRONT = [replace(one, topic="/front") for one in drive() if one.topic == "/scan"]
 
-CHOICES: dict[str, tuple[list[Sent], Topics, str]] = {
+CHOICES: dict[str, tuple[list[Sent], LogOptions, str]] = {
     "no scans": (
         [STATIC, *drive()[:4]],
-        Topics(),
+        LogOptions(),
         "no laser scans (sensor_msgs/LaserScan) in the bag; its topics are /odom (nav_msgs/Odometry), /tf",
     ),
     "two lasers": (
         [STATIC, *drive(), *FRONT],
-        Topics(),
+        LogOptions(),
         "several topics of the type sensor_msgs/LaserScan: /front, /scan; name one by --scan-topic",
     ),
     "another laser": (
         [STATIC, *drive(), *FRONT],
-        Topics(scan="/back"),
+        LogOptions(scan=("/back",)),
         "--scan-topic: no topic '/back' of the type sensor_msgs/LaserScan; there is /front, /scan",
     ),
     "a topic of another type": (
         [STATIC, *drive()],
-        Topics(odometry="/scan"),
+        LogOptions(odometry="/scan"),
         "--odometry-topic: no topic '/scan' of the type nav_msgs/Odometry; there is /odom, /tf_static",
     ),
     "two odometries": (
         [STATIC, *drive(), *(replace(one, topic="/visual") for one in drive()[:4])],
-        Topics(),
+        LogOptions(),
         "several topics of the type nav_msgs/Odometry: /odom, /visual; name one by --odometry-topic",
     ),
-    "no odometry": (drive()[4:], Topics(), "no odometry (nav_msgs/Odometry) and no tf in the bag"),
+    "no odometry": (drive()[4:], LogOptions(), "no odometry (nav_msgs/Odometry) and no tf in the bag"),
     "a robot that tf does not move": (
         [STATIC, *drive()[4:]],
-        Topics(),
+        LogOptions(),
         "the frame 'base_link' of the laser does not move in tf, which knows base_link, laser",
     ),
     "no tf": (
         drive(),
-        Topics(),
+        LogOptions(),
         "no fixed transform from the robot 'base_link' to the laser 'laser': record /tf_static, too; tf knows",
     ),
     "tf of another laser": (
         [STATIC, *drive(frame="sick")],
-        Topics(),
+        LogOptions(),
         "no fixed transform from the robot 'base_link' to the laser 'sick'",
     ),
     "tf in a circle": (
@@ -272,10 +272,10 @@ CHOICES: dict[str, tuple[list[Sent], Topics, str]] = {
             Sent(0.0, "/tf", ROS2.transforms(0.0, ("laser", "a", (0, 0, 0), LEVEL))),
             *drive(),
         ],
-        Topics(),
+        LogOptions(),
         "no fixed transform",
     ),
-    "one scan": ([STATIC, *drive()[:5]], Topics(), "only 1 of 1 scans"),
+    "one scan": ([STATIC, *drive()[:5]], LogOptions(), "only 1 of 1 scans"),
 }
 
 
@@ -290,7 +290,7 @@ def test_what_is_missing_is_told_in_one_line(tmp_path: Path, case: str) -> None:
 
 def test_one_of_two_lasers_can_be_named(tmp_path: Path) -> None:
     sent = [STATIC, *drive(), *FRONT[:2]]
-    assert len(read(tmp_path, sent, Topics(scan="front")).scans) == 2
+    assert len(read(tmp_path, sent, LogOptions(scan=("front",))).scans) == 2
 
 
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from m2t_text.errors import LogError
 from m2t_text.logs import Log, read_log
+from m2t_text.logs.beams import half_circle
 from m2t_text.logs.building import build
-from m2t_text.logs.carmen import half_circle
 from m2t_text.logs.raycast import cast
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen
 from m2t_text.mapping.trajectory import scan_points

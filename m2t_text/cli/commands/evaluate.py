@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from m2t_text.cli.console import bars, note, print_json, print_table
-from m2t_text.cli.options import JobsOption, JsonOption
+from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
 from m2t_text.config import PROFILES
 from m2t_text.util.files import make_folder
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
     from m2t_text.evaluation.run import Evaluation
+    from m2t_text.sources.opening import SourceOptions
 
 TEXT_METHODS = ("bow", "m2t")  # those of the paper's Table I
 
 
+@reads_logs
 def evaluate(
     sources: Annotated[
         list[Path],
@@ -37,6 +39,8 @@ def evaluate(
     jobs: JobsOption = None,
     as_json: JsonOption = False,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder to draw pictures in.")] = None,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Measure how well places of a log are found again, as the paper does.
 
@@ -58,7 +62,7 @@ def evaluate(
     if plot is not None:
         make_folder(plot)  # before the work, not after it
     with bars() as progress:
-        evaluation = run(Request(sources, profile, queries, seed, cores(jobs)), progress)
+        evaluation = run(Request(sources, profile, queries, seed, cores(jobs), reading), progress)
     for one in evaluation.datasets:
         for warning in one.log.warnings:
             note(f"warning: {one.log.name}: {warning}")

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from m2t_text.cli.console import bars, note, print_json, print_lines, print_table
-from m2t_text.cli.options import JobsOption, JsonOption
+from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
 from m2t_text.errors import M2TError
 
 if TYPE_CHECKING:
     from m2t_text.evaluation.loops import Assessment
+    from m2t_text.sources.opening import SourceOptions
 
 STAGES = {
     "odometry": "odometry",
@@ -21,6 +22,7 @@ STAGES = {
 }
 
 
+@reads_logs
 def evaluate_loops(
     sources: Annotated[
         list[Path],
@@ -37,6 +39,8 @@ def evaluate_loops(
     ] = None,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Judge how far loops correct the trajectory of logs.
 
@@ -51,9 +55,8 @@ def evaluate_loops(
     """
     from m2t_text.evaluation.loops import assess
     from m2t_text.evaluation.relations import read_relations
-    from m2t_text.logs import read_log
     from m2t_text.loops.detection import walk
-    from m2t_text.util.names import dataset_name
+    from m2t_text.sources.opening import dataset_names, open_log
     from m2t_text.util.workers import cores
 
     if relations is not None and len(sources) > 1:
@@ -61,9 +64,10 @@ def evaluate_loops(
     known = None if relations is None else read_relations(relations)
     assessments = []
     with bars() as progress:
-        for source in sources:
-            tell = partial(progress, dataset_name(source))
-            log = read_log(source, None, partial(tell, "reading"))
+        names = dataset_names(sources, "evaluated", reading.name)
+        for source, name in zip(sources, names, strict=True):
+            tell = partial(progress, name)
+            log = open_log(source, reading, partial(tell, "reading"))
             for warning in log.warnings:
                 note(f"warning: {log.name}: {warning}")
             walked = walk(log, None, cores(jobs), tell)

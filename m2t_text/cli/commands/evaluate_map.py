@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from m2t_text.cli.console import a_number, bars, note, print_json, print_table
-from m2t_text.cli.options import JobsOption, JsonOption
+from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
 from m2t_text.util.files import make_folder
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
     from m2t_text.evaluation.saved_maps import Evaluated
+    from m2t_text.sources.opening import SourceOptions
 
 
+@reads_logs
 def evaluate_map(
     sources: Annotated[
         list[Path], typer.Argument(metavar="SOURCE...", help="Laser logs with corrected poses.")
@@ -40,6 +42,8 @@ def evaluate_map(
     jobs: JobsOption = None,
     maps: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the maps that are drawn.")] = None,
     as_json: JsonOption = False,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Judge how well runs of a log are found in a saved map, drawn from the log's first half.
 
@@ -57,7 +61,7 @@ def evaluate_map(
 
     if maps is not None:
         make_folder(maps)
-    request = Request(sources, run, queries, covered, seed=seed, jobs=cores(jobs), folder=maps)
+    request = Request(sources, run, queries, covered, seed=seed, jobs=cores(jobs), folder=maps, options=reading)
     with bars() as progress:
         evaluated = evaluate(request, progress)
     if maps is not None:

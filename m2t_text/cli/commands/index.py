@@ -2,15 +2,18 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from m2t_text.cli.console import a_number, bars, complain, note, print_held, print_lines, print_table
-from m2t_text.cli.options import DEFAULT_INDEX, HeightOption, IndexOption, OdometryTopicOption, ScanTopicOption
+from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, reads_logs
 from m2t_text.config import PROFILES
 from m2t_text.util.files import check_folder
 from m2t_text.util.workers import cores
+
+if TYPE_CHECKING:
+    from m2t_text.sources.opening import SourceOptions
 
 JobsOption = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Processes that describe maps.", show_default="all cores")
@@ -72,6 +75,7 @@ def simulate(
     note(f"wrote {out}: {len(log.scans):,} scans; go on with: m2t-text index {out}")
 
 
+@reads_logs
 def index(
     sources: Annotated[
         list[Path],
@@ -92,12 +96,8 @@ def index(
         ),
     ] = None,
     jobs: JobsOption = None,
-    name: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The dataset's name.", show_default="the file's name")
-    ] = None,
-    scan_topic: ScanTopicOption = None,
-    odometry_topic: OdometryTopicOption = None,
-    height: HeightOption = None,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Describe every local map of laser logs as text, and put the texts into an index.
 
@@ -115,13 +115,10 @@ def index(
     m2t-text index floor.yaml
     """
     from m2t_text.index.map_index import MapIndex
-    from m2t_text.logs import Topics
     from m2t_text.sources.indexing import Request, index_sources
-    from m2t_text.sources.opening import SourceOptions
 
-    options = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     with bars() as progress:
-        report = index_sources(Request(sources, index, profile, cores(jobs), options), progress)
+        report = index_sources(Request(sources, index, profile, cores(jobs), reading), progress)
     for dataset in report.indexed:
         for warning in dataset.warnings:
             note(f"warning: {dataset.name}: {warning}")

@@ -9,32 +9,29 @@ from m2t_text.cli.console import note, print_json
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
     TARGETS,
-    HeightOption,
     IndexOption,
     JsonOption,
-    LogNameOption,
-    OdometryTopicOption,
     PlotOption,
     RunOption,
-    ScanTopicOption,
     check_plot,
+    reads_logs,
     warn,
 )
 
 if TYPE_CHECKING:
     from m2t_text.index.map_index import MapIndex
+    from m2t_text.sources.opening import SourceOptions
 
 
+@reads_logs
 def inspect(
     target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
     index: IndexOption = DEFAULT_INDEX,
-    name: LogNameOption = None,
     run: RunOption = None,
-    scan_topic: ScanTopicOption = None,
-    odometry_topic: OdometryTopicOption = None,
-    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Print the text that describes a map.
 
@@ -47,15 +44,12 @@ def inspect(
     m2t-text inspect robot.log#40 > place.txt       to search for it later
     """
     from m2t_text.config import PROFILES
-    from m2t_text.logs import Topics
     from m2t_text.recognition.answer import inspection
     from m2t_text.recognition.queries import Context, resolve
-    from m2t_text.sources.opening import SourceOptions
 
     check_plot(plot)
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     found = resolve(target, Context(parameters, opened, reading, run))
     warn(found)
     if plot is not None:

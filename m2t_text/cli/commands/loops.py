@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from m2t_text.cli.console import bars, note, print_json, print_lines
-from m2t_text.cli.options import JobsOption, JsonOption, PlotOption
+from m2t_text.cli.options import JobsOption, JsonOption, PlotOption, reads_logs
 from m2t_text.util.files import check_folder
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
     from m2t_text.loops.detection import Walk
+    from m2t_text.sources.opening import SourceOptions
 
 
+@reads_logs
 def loops(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="A laser log.", show_default=False)],
     index: Annotated[
@@ -29,12 +31,11 @@ def loops(
     tum: Annotated[
         Path | None, typer.Option("--tum", metavar="FILE", help="Write the trajectory before any correction.")
     ] = None,
-    name: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The dataset's name.", show_default="the file's name")
-    ] = None,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Find where a drive comes back to places, as the loop edges of a pose graph.
 
@@ -51,10 +52,10 @@ def loops(
     m2t-text loops new.log --index indexes/office --g2o both.g2o
     """
     from m2t_text.index.map_index import MapIndex
-    from m2t_text.logs import read_log
     from m2t_text.loops.detection import walk
     from m2t_text.loops.export import to_g2o, to_json, to_tum, write
     from m2t_text.loops.graph import pose_graph
+    from m2t_text.sources.opening import open_log
     from m2t_text.util.names import dataset_name
 
     for path in (g2o, tum):
@@ -66,8 +67,8 @@ def loops(
         check_picture(plot)
     opened = None if index is None else MapIndex.open(index)
     with bars() as progress:
-        shown = name or dataset_name(source)
-        log = read_log(source, name, partial(progress, shown, "reading"))
+        shown = reading.name or dataset_name(source)
+        log = open_log(source, reading, partial(progress, shown, "reading"))
         walked = walk(log, opened, cores(jobs), partial(progress, shown))
     for warning in log.warnings:
         note(f"warning: {log.name}: {warning}")

@@ -10,15 +10,12 @@ from m2t_text.cli.console import a_number, note, print_json, print_lines, print_
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
     TARGETS,
-    HeightOption,
     IndexOption,
     JsonOption,
-    LogNameOption,
-    OdometryTopicOption,
     PlotOption,
     RunOption,
-    ScanTopicOption,
     check_plot,
+    reads_logs,
     warn,
 )
 
@@ -27,8 +24,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from m2t_text.recognition.answer import Answer
+    from m2t_text.sources.opening import SourceOptions
 
 
+@reads_logs
 def search(
     query: Annotated[str, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False)],
     index: IndexOption = DEFAULT_INDEX,
@@ -43,13 +42,11 @@ def search(
         ),
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
-    name: LogNameOption = None,
     run: RunOption = None,
-    scan_topic: ScanTopicOption = None,
-    odometry_topic: OdometryTopicOption = None,
-    height: HeightOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
+    *,
+    reading: "SourceOptions",
 ) -> None:
     """Find the maps of the index that show the same place as QUERY.
 
@@ -65,14 +62,11 @@ def search(
     m2t-text search room.pcd --height 0.2 1.0          a point cloud
     """
     from m2t_text.index.map_index import MapIndex
-    from m2t_text.logs import Topics
     from m2t_text.recognition.answer import SearchOptions
     from m2t_text.recognition.answer import search as find
-    from m2t_text.sources.opening import SourceOptions
 
     check_plot(plot)
     options = SearchOptions(top, exclude_travel, not no_verify, run)
-    reading = SourceOptions(name, Topics(scan_topic, odometry_topic), height)
     answer = find(query, MapIndex.open(index), options, reading)
     warn(answer.query)
     if plot is not None:

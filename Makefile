@@ -3,41 +3,44 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test stress fuzz bench loops slam-bench lint docs clean
+.PHONY: help demo test stress fuzz bench loops slam-bench lint docs clean
 
-demo: $(VENV)/.installed
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.installed  ## see it work: simulate, index, search, draw
 	$(BIN)/m2t-text demo
 
-test: $(VENV)/.installed-test
+test: $(VENV)/.installed-test  ## the tests, two minutes on two cores
 	$(BIN)/python -m pytest -n auto
 
-stress: $(VENV)/.installed-test
+stress: $(VENV)/.installed-test  ## crashes, full disks, damage, strangers: four minutes
 	$(BIN)/python tests/stress.py
 
 # FUZZ_RUNS=1000 picks the inputs for each reader, FUZZ_MINUTES=30 an end, FUZZ_JOBS=1 how many readers side by
 # side; findings are kept in indexes/fuzz.
-fuzz: $(VENV)/.installed-fuzz
+fuzz: $(VENV)/.installed-fuzz  ## damaged inputs for every reader
 	$(BIN)/python tests/fuzz/fuzz.py $(TARGETS)
 
 # BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
-bench: $(VENV)/.installed-bench
+bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
 	$(BIN)/python tests/benchmarks/bench.py
 
 # make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
-loops: $(VENV)/.installed-test
+loops: $(VENV)/.installed-test  ## how far loops correct logs: make loops LOGS="a.log b.log"
 	$(BIN)/m2t-text evaluate-loops $(LOGS)
 
 # SLAM_LOGS is the folder of the logs and relations, NAME.log.gz and NAME.relations.gz.
-slam-bench: $(VENV)/.installed
+slam-bench: $(VENV)/.installed  ## the SLAM benchmark: trajectories before and after loops
 	$(BIN)/python tests/benchmarks/slam_bench.py
 
-lint: $(VENV)/.installed-lint
+lint: $(VENV)/.installed-lint  ## ruff, mypy and the layers of the package
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-docs: $(VENV)/.installed-docs
+docs: $(VENV)/.installed-docs  ## the site, in site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 $(BIN)/python:
@@ -67,5 +70,5 @@ $(VENV)/.installed-bench: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	@touch $@
 
-clean:
+clean:  ## remove what was made here
 	rm -rf $(VENV) demo site build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -26,6 +26,7 @@ ORDER = (
     "saved-maps",
     "indexes",
     "loops",
+    "architecture",
     "trust",
     "speed",
 )  # then others

@@ -33,6 +33,7 @@ class DescriptionParameters:
         "centre"  # of gravity, or the robot's pose nearest to it (IV-B)
     )
     radii: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # m; outer radii of the rings (III-A: 10)
+    free_space: bool = True  # whether a text says what was seen to be free, too; the paper's does not
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,9 @@ PROFILES = {
     "paper": Parameters(
         profile="paper",
         mapping=MappingParameters(run_length=3.0),
-        description=DescriptionParameters(viewpoint="trajectory", radii=tuple(0.4 * k for k in range(1, 11))),
+        description=DescriptionParameters(
+            viewpoint="trajectory", radii=tuple(0.4 * k for k in range(1, 11)), free_space=False
+        ),
         matching=MatchingParameters(score="intersection", directions=1, weighted=False),
     ),
 }

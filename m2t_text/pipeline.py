@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from m2t_text.config import DescriptionParameters, Parameters
 from m2t_text.description.document import Document
+from m2t_text.description.free_cells import FreeSpace, free_squares
+from m2t_text.description.free_squares import NO_SQUARES
 from m2t_text.description.polestar import polestar_words
 from m2t_text.description.text import Text
 from m2t_text.description.viewpoint import plan_viewpoint
@@ -34,7 +36,8 @@ def describe(local_map: LocalMap, dataset: str, parameters: Parameters) -> Docum
     # Viewpoint planning (IV-B)
     viewpoint, centre = plan_viewpoint(local_map.points, local_map.trajectory, chosen.viewpoint == "trajectory")
     # Holistic view descriptor (IV-C)
-    text = view_text(transform(inverse(viewpoint), local_map.points), chosen, parameters.mapping.cell)
+    free = local_map.free.seen_from(viewpoint) if local_map.free is not None and chosen.free_space else None
+    text = view_text(transform(inverse(viewpoint), local_map.points), chosen, parameters.mapping.cell, free)
     return Document(
         dataset=dataset,
         first_scan=local_map.first_scan,
@@ -48,11 +51,17 @@ def describe(local_map: LocalMap, dataset: str, parameters: Parameters) -> Docum
     )
 
 
-def view_text(points: NDArray[np.float64], parameters: DescriptionParameters, cell: float) -> Text:
-    """The text of points (N, 2) given in the frame of the viewpoint: one token for each occupied cell."""
+def view_text(
+    points: NDArray[np.float64], parameters: DescriptionParameters, cell: float, free: FreeSpace | None = None
+) -> Text:
+    """The text of points (N, 2), and of what is free, both given in the frame of the viewpoint.
+
+    It has one token for each occupied cell, and one for each free square.
+    """
     cells = np.unique(np.floor(points / cell).astype(np.int64), axis=0)
     words = polestar_words((cells + 0.5) * cell, np.array(parameters.radii))
-    return Text.of(cells[:, 0], cells[:, 1], words)
+    squares = NO_SQUARES if free is None else free_squares(free, cells, cell)
+    return Text.of(cells[:, 0], cells[:, 1], words, squares)
 
 
 def describe_log(

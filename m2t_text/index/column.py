@@ -1,6 +1,7 @@
 """Whoosh columns that are read without being copied: of texts, of numbers and records, and of names."""
 
 import json
+from dataclasses import replace
 from itertools import accumulate
 from typing import Any
 
@@ -10,7 +11,7 @@ from whoosh.columns import Column, ColumnReader, ColumnWriter
 
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, SourceError
-from m2t_text.index.kernels.packed import MOST, RUN, Texts, pack
+from m2t_text.index.kernels.packed import MOST, RUN, Texts, as_squares, as_words, pack
 from m2t_text.util.names import checked_name
 
 HEADER = np.dtype([("maps", "<u8"), ("keypoints", "<u8"), ("runs", "<u8"), ("wide", "<u8")])
@@ -28,7 +29,8 @@ def view(file: Any, position: int, length: int) -> Any:
 class KeypointColumn(Column):
     """One `Text` a document.
 
-    The file holds, after a header, the numbers of keypoints, of runs and of wide keypoints of each document,
+    The file holds two parts: all keypoints, then all free squares, whose sides are kept as words are. Each part
+    holds, after a header, the numbers of keypoints (squares), of runs and of wide keypoints of each document,
     and then the sections of `Texts`, in bytes, so that they can be used where they lie.
     """
 
@@ -37,49 +39,87 @@ class KeypointColumn(Column):
     class Writer(ColumnWriter):
         def __init__(self, dbfile: Any) -> None:
             super().__init__(dbfile)
-            self._sizes: list[tuple[int, int, int]] = []
-            self._sections: tuple[list[bytes], ...] = ([], [], [], [])
+            self._parts = (_PartWriter(), _PartWriter())
 
         def fill(self, docnum: int) -> None:
-            self._sizes.extend([(0, 0, 0)] * (docnum - len(self._sizes)))
+            for part in self._parts:
+                part.fill(docnum)
 
         def add(self, docnum: int, value: Text) -> None:
             self.fill(docnum)
-            rows = pack(value)
-            for section, row in zip(self._sections, rows, strict=True):
-                section.append(row)
-            self._sizes.append((len(value), len(rows[0]) // 2, len(rows[3]) // 2))
+            keypoints, squares = self._parts
+            keypoints.add(pack(value))
+            squares.add(pack(as_words(value.free)))
 
         def finish(self, docnum: int) -> None:
             self.fill(docnum)
-            sizes = np.array(self._sizes, dtype=np.int64).reshape(-1, 3).T
-            totals = (docnum, *sizes.sum(axis=1).tolist())
-            self._dbfile.write(np.array([totals], dtype=HEADER).tobytes())
-            self._dbfile.write(sizes.astype(COUNTS).tobytes())
-            for section in self._sections:
-                self._dbfile.write(b"".join(section))
+            for part in self._parts:
+                part.write(self._dbfile)
 
     class Reader(ColumnReader):
-        """Raises DamageError if the sections do not fill the column, or the sizes the sections."""
+        """Raises DamageError if the sections do not fill the column, or the sizes the sections.
+
+        Attributes:
+            texts: the keypoints of all documents.
+            squares: their free squares.
+        """
 
         def __init__(self, dbfile: Any, basepos: int, length: int, doccount: int) -> None:
             super().__init__(dbfile, basepos, length, doccount)
-            if length < HEADER.itemsize:
-                raise DamageError("the keypoints of the maps are damaged")
-            head = np.frombuffer(view(dbfile, basepos, HEADER.itemsize), HEADER)[0]
-            maps, keypoints, runs, wide = (int(head[name]) for name in HEADER.names or ())
-            sizes = (HEADER.itemsize, 3 * maps * COUNTS.itemsize, 2 * runs, keypoints, keypoints, 2 * wide)
-            begins = list(accumulate(sizes, initial=basepos))
-            if maps != doccount or begins[-1] != basepos + length:
-                raise DamageError("the keypoints of the maps are damaged")
-            table, *sections = (view(dbfile, *part) for part in zip(begins[1:-1], sizes[1:], strict=True))
-            counts = np.frombuffer(table, COUNTS).reshape(3, maps)
-            if tuple(counts.sum(axis=1, dtype=np.int64)) != (keypoints, runs, wide) or not _possible(counts):
-                raise DamageError("the keypoints of the maps are damaged")
-            self.texts = Texts.read(counts, *sections)
+            self.texts, end = _read_part(dbfile, basepos, basepos + length, doccount)
+            self.squares, end = _read_part(dbfile, end, basepos + length, doccount)
+            if end != basepos + length:
+                raise _damage()
 
         def __getitem__(self, docnum: int) -> Text:
-            return self.texts.text(docnum)
+            return replace(self.texts.text(docnum), free=as_squares(self.squares.text(docnum)))
+
+
+class _PartWriter:
+    """One part of a column of texts while it is written: sizes and sections of each document."""
+
+    def __init__(self) -> None:
+        self._sizes: list[tuple[int, int, int]] = []
+        self._sections: tuple[list[bytes], ...] = ([], [], [], [])
+
+    def fill(self, docnum: int) -> None:
+        """Makes the documents before this one that have nothing."""
+        self._sizes.extend([(0, 0, 0)] * (docnum - len(self._sizes)))
+
+    def add(self, rows: tuple[bytes, bytes, bytes, bytes]) -> None:
+        """The next document, packed."""
+        for section, row in zip(self._sections, rows, strict=True):
+            section.append(row)
+        self._sizes.append((len(rows[1]), len(rows[0]) // 2, len(rows[3]) // 2))
+
+    def write(self, file: Any) -> None:
+        sizes = np.array(self._sizes, dtype=np.int64).reshape(-1, 3).T
+        totals = (len(self._sizes), *sizes.sum(axis=1).tolist())
+        file.write(np.array([totals], dtype=HEADER).tobytes())
+        file.write(sizes.astype(COUNTS).tobytes())
+        for section in self._sections:
+            file.write(b"".join(section))
+
+
+def _read_part(file: Any, begin: int, end: int, documents: int) -> tuple[Texts, int]:
+    """One part of a column of texts that ends at ``end`` or before, and where it ends. Raises DamageError."""
+    if end - begin < HEADER.itemsize:
+        raise _damage()
+    head = np.frombuffer(view(file, begin, HEADER.itemsize), HEADER)[0]
+    maps, keypoints, runs, wide = (int(head[name]) for name in HEADER.names or ())
+    sizes = (HEADER.itemsize, 3 * maps * COUNTS.itemsize, 2 * runs, keypoints, keypoints, 2 * wide)
+    begins = list(accumulate(sizes, initial=begin))
+    if maps != documents or begins[-1] > end:
+        raise _damage()
+    table, *sections = (view(file, *part) for part in zip(begins[1:-1], sizes[1:], strict=True))
+    counts = np.frombuffer(table, COUNTS).reshape(3, maps)
+    if tuple(counts.sum(axis=1, dtype=np.int64)) != (keypoints, runs, wide) or not _possible(counts):
+        raise _damage()
+    return Texts.read(counts, *sections), begins[-1]
+
+
+def _damage() -> DamageError:
+    return DamageError("the texts of the maps are damaged")
 
 
 def _possible(counts: NDArray[np.uint32]) -> bool:

@@ -146,7 +146,8 @@ def to_fields(document: Document) -> dict[str, Any]:
     The checksum is of all that the document holds. Merging copies it, so it tells of damage at any time since.
     """
     record = tuple(getattr(document, name) for name in np.dtype(RECORD).names or ())
-    words = (document.text.wx, document.text.wy, document.text.wa)
+    text, free = document.text, document.text.free
+    words = (text.wx, text.wy, text.wa, free.wx, free.wy, free.size)
     numbers = np.array(record, dtype=RECORD).tobytes()
     parts = (document.map_id.encode(), numbers, *(word.astype("<i2").tobytes() for word in words))
     return {

@@ -10,6 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.config import MappingParameters
+from m2t_text.description.free_cells import FreeSpace
+from m2t_text.mapping.free_space import Beams, FreeScans
 from m2t_text.util.geometry import between, wrap
 from m2t_text.util.types import Floats
 
@@ -28,6 +30,7 @@ class LocalMap:
         first_scan, last_scan: indices into the log.
         travel: (2,) metres of travel at the begin and the end of the run.
         pose: (3,) robot pose of the first scan in the frame of the whole trajectory.
+        free: what was seen to be free; None where nothing is known of that, as in a point cloud.
     """
 
     points: Floats
@@ -36,6 +39,7 @@ class LocalMap:
     last_scan: int
     travel: Floats
     pose: Floats
+    free: FreeSpace | None = None
 
 
 @dataclass(frozen=True)
@@ -47,12 +51,14 @@ class Survey:
         starts: (S + 1,) the hits of scan i are ``points[starts[i]:starts[i + 1]]``.
         trajectory: (S, 3) robot poses in one frame, from odometry and scan matching.
         cuts: (C,) scans at which a new drive begins, in ascending order. Nothing is known of the way there.
+        beams: of all scans; None if nothing is known of what they passed.
     """
 
     points: Floats
     starts: NDArray[np.int64]
     trajectory: Floats
     cuts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    beams: Beams | None = None
 
     @cached_property
     def drive_ends(self) -> NDArray[np.int64]:
@@ -123,6 +129,7 @@ def local_maps(
     """
     way, length = survey.way, parameters.run_length
     starts = run_starts(survey, length) if starts is None else starts
+    free = None if survey.beams is None else FreeScans(survey.beams, survey.trajectory, parameters.cell)
     for first, last in zip(starts, _run_ends(survey, starts, length), strict=True):
         run = first + np.flatnonzero(survey.moved[first : last + 1])
         if not len(run) or run[0] != first:
@@ -135,6 +142,7 @@ def local_maps(
             last_scan=int(last),
             travel=way[[first, last]],
             pose=survey.trajectory[first],
+            free=None if free is None else free.together(run),
         )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from m2t_text.config import MappingParameters
 from m2t_text.logs.log import Log
+from m2t_text.mapping.free_space import Beams, longest_reading
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, travelled
 from m2t_text.mapping.trajectory import REFERENCE, hits, refined_poses
 from m2t_text.util.geometry import between, travel
@@ -30,7 +31,8 @@ def local_map_at(log: Log, scan: int, parameters: MappingParameters) -> LocalMap
     window = replace(log, scans=log.scans[begin:], ground_truth=None)
     trajectory = _until(window, scan - begin, parameters.run_length)
     window = replace(window, scans=window.scans[: len(trajectory)])
-    survey = Survey(*hits(window, parameters.range_limit), trajectory, window.cuts)
+    beams = Beams.of(window, parameters.range_limit, longest_reading(log))
+    survey = Survey(*hits(window, parameters.range_limit), trajectory, window.cuts, beams)
     (found,) = local_maps(survey, parameters, np.array([scan - begin]))
     return replace(
         found,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from m2t_text.config import MappingParameters
 from m2t_text.logs.log import Log, Scan
+from m2t_text.mapping.free_space import Beams
 from m2t_text.mapping.local_map import Survey
 from m2t_text.mapping.normals import normals
 from m2t_text.mapping.registration import register
@@ -48,7 +49,8 @@ def survey(log: Log, parameters: MappingParameters, progress: Progress | None = 
         poses.append(pose)
         if progress:
             progress(len(poses), len(log.scans))
-    return Survey(*hits(log, parameters.range_limit), np.array(poses).reshape(-1, 3), log.cuts)
+    beams = Beams.of(log, parameters.range_limit)
+    return Survey(*hits(log, parameters.range_limit), np.array(poses).reshape(-1, 3), log.cuts, beams)
 
 
 def hits(log: Log, range_limit: float) -> tuple[Floats, NDArray[np.int64]]:

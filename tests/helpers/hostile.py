@@ -26,6 +26,7 @@ from m2t_text.index.map_index import MapIndex
 from m2t_text.index.storage.directory import MapStorage, fingerprint
 from m2t_text.index.writing.toc import (
     DIGEST,
+    FORMAT_VERSION,
     FORMER_SEAL,
     LENGTH,
     SEAL,
@@ -253,7 +254,7 @@ def a_number_of_a_million_digits(path: Path, canary: Path) -> None:
 
 @attack
 def millions_of_empty_containers(path: Path, canary: Path) -> None:
-    forge(path, lambda own: '{"format": 4, "drives": [' + "{}," * 5_000_000 + "{}]}")
+    forge(path, lambda own: f'{{"format": {FORMAT_VERSION}, "drives": [' + "{}," * 5_000_000 + "{}]}")
 
 
 @attack
@@ -394,7 +395,7 @@ def parameters_that_nest_without_end(path: Path, canary: Path) -> None:
 
 @attack
 def another_version(path: Path, canary: Path) -> None:
-    forge(path, lambda own: own.replace('"format": 4', '"format": 999'))
+    forge(path, lambda own: own.replace(f'"format": {FORMAT_VERSION}', '"format": 999'))
 
 
 @attack
@@ -504,9 +505,15 @@ def counts_of(data: bytes) -> Any:
 
 
 def scrambled(data: bytes, seed: int) -> bytes:
-    """A column of keypoints of the same numbers, but with random bytes for their words and cells."""
-    begin = HEADER.itemsize + counts_of(data).nbytes
-    return data[:begin] + np.random.default_rng(seed).bytes(len(data) - begin)
+    """A column of texts of the same numbers, but with random bytes for their words, sides and cells."""
+    rng, made = np.random.default_rng(seed), b""
+    while data:  # keypoints, then squares
+        head = np.frombuffer(data, HEADER, 1)[0]
+        begin = HEADER.itemsize + counts_of(data).nbytes
+        size = 2 * int(head["keypoints"] + head["runs"] + head["wide"])
+        made += data[:begin] + rng.bytes(size)
+        data = data[begin + size :]
+    return made
 
 
 def recounted_as(data: bytes, counts: Any) -> bytes:

@@ -11,6 +11,7 @@ from whoosh.filedb.filestore import RamStorage
 from whoosh.query import Or, Term
 
 from m2t_text.description.document import Document
+from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text, parse
 
 
@@ -35,9 +36,15 @@ def document(dataset: str, first: int, text: Text, travel: float | None = None) 
 
 
 def random_text(rng: np.random.Generator, keypoints: int, span: int = 25, words: int = 12) -> Text:
-    """Few words, skewed, over positions that are often within the window of each other, and often not."""
+    """Few words, skewed, over positions that are often within the window of each other, and often not.
+
+    Some have free squares, beside the keypoints.
+    """
     wa = np.minimum(rng.geometric(0.25, keypoints) - 1, words - 1)
-    return Text.of(rng.integers(-span, span, keypoints), rng.integers(-span, span, keypoints), wa)
+    wx, wy = rng.integers(-span, span, (2, keypoints))
+    squares = int(rng.integers(0, 8))
+    free = FreeSquares.of(rng.integers(span, 2 * span, squares), *rng.integers(4, 30, (2, squares)))
+    return Text.of(wx, wy, wa, free)
 
 
 def random_documents(seed: int, dataset: str, count: int, keypoints: int = 40) -> list[Document]:
@@ -57,7 +64,7 @@ class Oracle:
         with self.index.writer() as writer:
             for one in documents:
                 self.ids.append(one.map_id)
-                writer.add_document(map_id=one.map_id, text=str(one.text))
+                writer.add_document(map_id=one.map_id, text=" ".join(keypoints(one.text)))
 
     def postings(self, tokens: set[str]) -> dict[str, Counter[tuple[int, int, int]]]:
         """Of each map found by Whoosh's Or over the tokens: how often it has each of them."""
@@ -97,7 +104,7 @@ class Oracle:
         rare = log(len(self.ids) + 1)
         best = dict.fromkeys(self.ids, (0.0, 0, min(turns)))
         for turn in sorted(turns):
-            points = Counter(numbers(token) for token in str(query.turned(turn)).split())
+            points = Counter(numbers(token) for token in keypoints(query.turned(turn)))
             reachable = {token for token in self.vocabulary if reached(numbers(token), points, window)}
             for map_id, tokens in self.postings(reachable).items():
                 matched = intersection(points, tokens, window)
@@ -109,6 +116,11 @@ class Oracle:
                 if score > best[map_id][0] + 1e-9:  # beyond rounding
                     best[map_id] = (score, sum(matched.values()), turn)
         return best
+
+
+def keypoints(text: Text) -> list[str]:
+    """The tokens of a text that stand for keypoints."""
+    return [token for token in str(text).split() if "_a" in token]
 
 
 def numbers(token: str) -> tuple[int, int, int]:

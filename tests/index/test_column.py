@@ -1,5 +1,7 @@
 """Keypoints in a column: nothing is lost, and little is stored."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from map_oracle import random_text
 from whoosh.filedb.filestore import RamStorage
 
+from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text
 from m2t_text.errors import MapIndexError
 from m2t_text.index.column import KeypointColumn
@@ -15,9 +18,18 @@ from m2t_text.index.kernels.packed import Texts, pack_words, unpack_words
 narrow = st.integers(-130, 130)
 any_cell = st.integers(-32767, 32767) | st.sampled_from([-32767, -129, -128, -1, 0, 127, 128, 32767])
 words = st.integers(0, 1023) | st.sampled_from([0, 5, 1023])
-texts = st.one_of(st.lists(st.tuples(cells, cells, words), max_size=80) for cells in (narrow, any_cell)).map(
-    lambda rows: Text.of(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
-)
+keypoints = st.one_of(st.lists(st.tuples(cells, cells, words), max_size=80) for cells in (narrow, any_cell))
+corner = st.integers(-130, 130) | st.sampled_from([-2048, -129, -128, 127, 128, 1025])
+squares = st.lists(st.tuples(corner, corner, st.integers(4, 40) | st.just(1023)), max_size=80)
+
+
+def text_of(keypoints: list[tuple[int, int, int]], squares: list[tuple[int, int, int]]) -> Text:
+    """Whatever its squares hold: that is not for the column to judge."""
+    text = Text.of(*np.array(keypoints, dtype=np.int64).reshape(-1, 3).T)
+    return replace(text, free=FreeSquares.of(*np.array(squares, dtype=np.int64).reshape(-1, 3).T))
+
+
+texts = st.builds(text_of, keypoints, squares)
 
 
 def column_of(rows: dict[int, Text], documents: int) -> tuple[KeypointColumn.Reader, int]:
@@ -35,6 +47,7 @@ def column_of(rows: dict[int, Text], documents: int) -> tuple[KeypointColumn.Rea
 
 def same(one: Text, other: Text) -> bool:
     pairs = [(one.wx, other.wx), (one.wy, other.wy), (one.wa, other.wa)]
+    pairs += [(getattr(one.free, name), getattr(other.free, name)) for name in ("wx", "wy", "size")]
     return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
 
 
@@ -45,6 +58,20 @@ def test_texts_come_back_exactly(rows):
     packed = Texts.of(rows)
     assert all(np.array_equal(one, other) for one, other in zip(reader.texts, packed, strict=True))
     assert reader.texts.counts.tolist() == [len(row) for row in rows]
+    assert reader.squares.counts.tolist() == [len(row.free) for row in rows]
+
+
+@given(st.lists(texts, max_size=6))
+def test_all_tokens_of_a_segment_come_at_once(rows):
+    reader, _ = column_of(dict(enumerate(rows)), len(rows))
+    words = [(k, x, y, a) for k, row in enumerate(rows) for x, y, a in zip(row.wx, row.wy, row.wa, strict=True)]
+    free = [
+        (k, x, y, f)
+        for k, row in enumerate(rows)
+        for x, y, f in zip(row.free.wx, row.free.wy, row.free.size, strict=True)
+    ]
+    assert list(zip(*reader.texts.tokens(), strict=True)) == words
+    assert list(zip(*reader.squares.tokens(), strict=True)) == free
 
 
 @given(texts)

@@ -1,4 +1,4 @@
-"""The keypoints of many texts, packed into bytes: as the column stores them, and as matching reads them."""
+"""The tokens of many texts, packed into bytes: as the column stores them, and as matching reads them."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError
 
@@ -15,6 +16,21 @@ MOST = 1 << 20  # keypoints of a map at most: sums over them fit into the digits
 Bytes = NDArray[np.uint8]
 SignedBytes = NDArray[np.int8]
 Starts = NDArray[np.int64]
+
+
+class Tokens(NamedTuple):
+    """Tokens of a segment.
+
+    Attributes:
+        document: (N,) in which each stands, ascending.
+        x, y: (N,) int16 cells.
+        word: (N,) int16 appearance words, or sides of free squares.
+    """
+
+    document: NDArray[np.int64]
+    x: NDArray[np.int16]
+    y: NDArray[np.int16]
+    word: NDArray[np.int16]
 
 
 class Texts(NamedTuple):
@@ -62,6 +78,18 @@ class Texts(NamedTuple):
         """(D,) number of keypoints of each document."""
         return np.diff(self.starts)
 
+    def tokens(self) -> Tokens:
+        """All tokens of all documents in their order. Raises DamageError if words and cells are not as many."""
+        packed = _pairs(self.runs)
+        if (packed % RUN + 1).sum(dtype=np.int64) != len(self.x):
+            raise DamageError("the texts of the maps are damaged")
+        x, y = self.x.astype(np.int16), self.y.astype(np.int16)
+        wide = np.repeat(np.diff(self.wide_starts) > 0, self.counts)
+        high = self.high.astype(np.int16).reshape(-1, 2) * 256
+        x[wide] += high[:, 0]
+        y[wide] += high[:, 1]
+        return Tokens(np.repeat(np.arange(self.documents), self.counts), x, y, unpack_words(packed))
+
     def text(self, document: int) -> Text:
         """The text of one document; a DamageError unless its words ascend, and are as many as its cells."""
         begin, end = self.starts[document : document + 2].tolist()
@@ -71,11 +99,25 @@ class Texts(NamedTuple):
             high = self.high[2 * first : 2 * last].astype(np.int16).reshape(-1, 2) * 256
             x, y = x + high[:, 0], y + high[:, 1]
         first, last = self.run_starts[document : document + 2].tolist()
-        runs = self.runs[2 * first : 2 * last].astype(np.uint16).reshape(-1, 2)
-        packed = runs[:, 0] | runs[:, 1] << 8
-        if (packed % RUN + 1).sum() != len(x) or (np.diff((packed // RUN).astype(np.int16)) < 0).any():
-            raise DamageError("the keypoints of the maps are damaged")
+        packed = _pairs(self.runs[2 * first : 2 * last])
+        if (packed % RUN + 1).sum(dtype=np.int64) != len(x) or (
+            np.diff((packed // RUN).astype(np.int16)) < 0
+        ).any():
+            raise DamageError("the texts of the maps are damaged")
         return Text(x, y, unpack_words(packed))
+
+
+def as_words(squares: FreeSquares) -> Text:
+    """Squares in the form of a text, their sides being its words, to be packed like one."""
+    return Text(squares.wx, squares.wy, squares.size)
+
+
+def as_squares(text: Text) -> FreeSquares:
+    """The squares that `as_words` made a text of. Raises DamageError if they are none."""
+    squares = FreeSquares(text.wx, text.wy, text.wa)
+    if not squares.valid:
+        raise DamageError("the texts of the maps are damaged")
+    return squares
 
 
 def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:
@@ -84,6 +126,11 @@ def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:
     high = np.stack([text.wx - x.astype(np.int32), text.wy - y.astype(np.int32)], axis=1) >> 8
     wide = high.astype(np.int8).tobytes() if high.any() else b""
     return pack_words(text.wa).tobytes(), x.tobytes(), y.tobytes(), wide
+
+
+def _pairs(low_first: Bytes) -> NDArray[np.uint16]:
+    """Numbers of two bytes each."""
+    return np.frombuffer(low_first.tobytes(), "<u2").astype(np.uint16)
 
 
 def pack_words(wa: NDArray[np.int16]) -> NDArray[np.uint16]:

@@ -153,8 +153,10 @@ def check(document: Document, name: str) -> None:
         if np.shape(numbers) != (size,) or not np.isfinite(numbers).all():
             raise MapIndexError(f"map {document.map_id!r} has numbers that are missing or not finite")
     if not isinstance(document.text, Text) or not in_order(document.text):
-        raise MapIndexError(f"map {document.map_id!r} has no text of ordered words; make it with Text.of")
-    if len(document.text) > MOST:
+        raise MapIndexError(
+            f"map {document.map_id!r} has no text of ordered words and squares; make it with Text.of"
+        )
+    if max(len(document.text), len(document.text.free)) > MOST:
         raise MapIndexError(f"map {document.map_id!r} has {len(document.text):,} keypoints, more than {MOST:,}")
 
 
@@ -162,6 +164,9 @@ def in_order(text: Text) -> bool:
     """Whether a text is what `Text.of` makes."""
     arrays = (text.wx, text.wy, text.wa)
     same = all(array.dtype == np.int16 and array.shape == text.wa.shape for array in arrays)
-    return same and (
-        not len(text) or bool(text.wa[0] >= 0 and text.wa[-1] < WORDS and (np.diff(text.wa) >= 0).all())
+    return (
+        same
+        and (not len(text) or bool(text.wa[0] >= 0 and text.wa[-1] < WORDS and (np.diff(text.wa) >= 0).all()))
+        and text.free.valid
+        and not text.contradicts_itself
     )

@@ -23,7 +23,7 @@ from m2t_text.index.schema import schema, schema_columns
 from m2t_text.index.storage.directory import MapStorage
 from m2t_text.util.names import checked_name
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 INDEX = "MAIN"  # what Whoosh calls an index, and begins the names of its files with
 CONTENTS = re.compile(rf"_{INDEX}_(0|[1-9][0-9]{{0,8}})\.toc")
 SEAL = b"m2t-text json "  # follows the JSON; its length and the checksum of all before end the file

@@ -80,7 +80,7 @@ def test_turned_coordinates_are_those_of_the_text():
     seen = views(text, (0, 1, 2, 3))
     x, y = seen.wx, seen.wy
     for turn in range(4):
-        other, same = text.turned(turn), Text.of(x[turn], y[turn], text.wa)
+        other, same = text.turned(turn), Text.of(x[turn], y[turn], text.wa, text.turned(turn).free)
         assert str(other) == str(same)
 
 

@@ -1,0 +1,200 @@
+"""From what beams passed to the free squares of a text."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from m2t_text.description.free_squares import LEAST, MOST, REACH, CellGrid, FreeSquares
+from m2t_text.util.geometry import between, compose, inverse, transform
+from m2t_text.util.types import Floats
+
+Cells = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Squares = tuple[Cells, Cells, Cells]  # x and y of the lower corner, and the side
+
+CLEARANCE = 0.2  # m about what is occupied, in which nothing is free, whatever a beam passed
+RIM = 0.4  # m about what is occupied, in which no beam need have passed the cells beside a free one
+WORTH = 8  # cells that no other square covers, for which a square is written
+EASING = 0.9  # from one round of choosing squares to the next: what they must add
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """Cells that beams passed, also those where other beams met something.
+
+    Attributes:
+        cells: (W, H) along the x and the y axis of the grid.
+        pose: (3,) of the grid's lower corner in the frame of the local map, metres and radians.
+        cell: metres, side of a cell.
+    """
+
+    cells: Mask
+    pose: Floats
+    cell: float
+
+    def seen_from(self, viewer: Floats) -> "FreeSpace":
+        """The same in the frame of a viewer, whose pose (3,) is given in the frame of now."""
+        return replace(self, pose=between(viewer, self.pose))
+
+
+def free_squares(free: FreeSpace, occupied: Cells, cell: float) -> FreeSquares:
+    """Squares that cover what is free, in the frame in which ``free`` lies.
+
+    A beam that passes along a wall that it never hits comes into the cells of the wall itself. So a cell is not
+    free beside one that no beam passed, unless what it borders on was hit.
+
+    Args:
+        free: what beams passed.
+        occupied: (N, 2) cells of that frame.
+        cell: metres, side of a cell of the squares; the grid of ``free`` may have another, and be turned.
+    """
+    grid = _resampled(free, cell)
+    grid = grid._replace(cells=_clear_of(grid.cells, occupied - [grid.x, grid.y], CLEARANCE / cell, RIM / cell))
+    return covering(grid)
+
+
+def moved_squares(squares: FreeSquares, pose: ArrayLike, occupied: Cells, cell: float) -> FreeSquares:
+    """What is free in a frame in which the squares' own frame has the ``pose`` (3,), metres and radians.
+
+    Free are the cells whose middles were, but for the ``occupied`` (N, 2): other squares, which cover nearly
+    the same.
+    """
+    grid = squares.grid
+    corner = np.array([grid.x * cell, grid.y * cell, 0.0])
+    moved = _resampled(FreeSpace(grid.cells, compose(pose, corner), cell), cell)
+    x, y = (occupied - [moved.x, moved.y]).T
+    inside = (x >= 0) & (y >= 0) & (x < moved.cells.shape[0]) & (y < moved.cells.shape[1])
+    moved.cells[x[inside], y[inside]] = False
+    return covering(moved)
+
+
+def covering(free: CellGrid) -> FreeSquares:
+    """Few squares that cover most of the cells: in turn one that adds nearly as much as any, WORTH or more.
+
+    What no square of the least side covers is left out.
+    """
+    left, low = max(0, REACH[0] - free.x), max(0, REACH[0] - free.y)
+    reached = free.cells[left : max(left, REACH.stop - free.x), low : max(low, REACH.stop - free.y)]
+    x, y, side = _squares(np.ascontiguousarray(reached))
+    return FreeSquares.of(x + free.x + left, y + free.y + low, side)
+
+
+def _resampled(free: FreeSpace, cell: float) -> CellGrid:
+    """The cells of an upright grid whose middles are free; those at its border are not."""
+    along, across = np.flatnonzero(free.cells.any(axis=1)), np.flatnonzero(free.cells.any(axis=0))
+    if not len(along):
+        return CellGrid(0, 0, np.zeros((0, 0), dtype=np.bool_))
+    corners = np.array([[x, y] for x in (along[0], along[-1] + 1) for y in (across[0], across[-1] + 1)])
+    placed = transform(free.pose, corners * free.cell) / cell
+    low, high = np.floor(placed.min(axis=0)).astype(int) - 1, np.ceil(placed.max(axis=0)).astype(int) + 1
+    origin = transform(inverse(free.pose), (low + 0.5)[None] * cell)[0] / free.cell
+    step = np.array([np.cos(free.pose[2]), np.sin(free.pose[2])]) * cell / free.cell
+    return CellGrid(int(low[0]), int(low[1]), _sampled(free.cells, origin, step, *(high - low).tolist()))
+
+
+@njit(cache=True, nogil=True)
+def _sampled(cells: Mask, origin: Floats, step: Floats, width: int, height: int) -> Mask:
+    """Cells (width, height) looked up in another grid.
+
+    Args:
+        origin: (2,) the middle of the first one, in units of the other grid's cells.
+        step: (2,) along that grid's x axis, and against its y axis, for a step along x.
+    """
+    found = np.zeros((width, height), dtype=np.bool_)
+    for i in range(width):
+        for j in range(height):
+            x = origin[0] + i * step[0] + j * step[1]
+            y = origin[1] - i * step[1] + j * step[0]
+            if 0 <= x < cells.shape[0] and 0 <= y < cells.shape[1]:
+                found[i, j] = cells[int(x), int(y)]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _clear_of(passed: Mask, occupied: Cells, clearance: float, rim: float) -> Mask:
+    """The cells that were passed, as were all beside them, but for those near the occupied ones (N, 2).
+
+    Distances are in cells, between middles: nothing is free within ``clearance``, and nothing within ``rim``
+    need have been passed.
+    """
+    width, height = passed.shape
+    open_, near = passed.copy(), passed.copy()
+    reach = int(max(clearance, rim))
+    for k in range(len(occupied)):
+        for a in range(-reach, reach + 1):
+            for b in range(-reach, reach + 1):
+                i, j, away = occupied[k, 0] + a, occupied[k, 1] + b, a * a + b * b
+                if 0 <= i < width and 0 <= j < height:
+                    if away <= clearance * clearance:
+                        open_[i, j] = False
+                    if away <= rim * rim:
+                        near[i, j] = True
+    clear = np.zeros(passed.shape, dtype=np.bool_)
+    for i in range(1, width - 1):
+        for j in range(1, height - 1):
+            clear[i, j] = open_[i, j] and near[i - 1 : i + 2, j - 1 : j + 2].all()
+    return clear
+
+
+@njit(cache=True, nogil=True)
+def _squares(cells: Mask) -> Squares:
+    """The squares of `covering`.
+
+    Each is a greatest one, which no other square of marked cells holds. Those still wanted are gone through in
+    rounds, each of which takes what adds at least so many cells: a little less in each round.
+    """
+    x, y, side = _greatest_squares(cells)
+    count = len(side)
+    adds = side * side  # at most
+    taken = np.zeros(count, dtype=np.bool_)
+    left = cells.copy()
+    wanted = float(adds.max()) if count else 0.0
+    while wanted >= WORTH:
+        wanted *= EASING
+        for k in range(count):
+            if adds[k] >= max(wanted, WORTH) and not taken[k]:
+                adds[k] = _marked(left, x[k], y[k], side[k])
+                if adds[k] >= max(wanted, WORTH):
+                    taken[k] = True
+                    left[x[k] : x[k] + side[k], y[k] : y[k] + side[k]] = False
+    return x[taken], y[taken], side[taken]
+
+
+@njit(cache=True, nogil=True)
+def _greatest_squares(cells: Mask) -> Squares:
+    """All squares of marked cells that no larger one holds, of the least side at least, by (x, y)."""
+    width, height = cells.shape
+    sides = np.zeros((width + 1, height + 1), dtype=np.int16)  # of the greatest square with this lower corner
+    count = 0
+    for i in range(width - 1, -1, -1):
+        for j in range(height - 1, -1, -1):
+            if cells[i, j]:
+                sides[i, j] = 1 + min(sides[i + 1, j], sides[i, j + 1], sides[i + 1, j + 1], MOST - 1)
+                count += sides[i, j] >= LEAST
+    x, y, side = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    k = 0
+    for i in range(width):
+        for j in range(height):
+            here = sides[i, j]
+            held = (
+                (i > 0 and sides[i - 1, j] > here)
+                or (j > 0 and sides[i, j - 1] > here)
+                or (i > 0 and j > 0 and sides[i - 1, j - 1] > here)
+            )
+            if here >= LEAST and not held:
+                x[k], y[k], side[k] = i, j, here
+                k += 1
+    return x[:k], y[:k], side[:k]
+
+
+@njit(cache=True, nogil=True)
+def _marked(cells: Mask, x: int, y: int, side: int) -> int:
+    """How many cells of a square are marked."""
+    count = 0
+    for i in range(x, x + side):
+        row = cells[i, y : y + side]
+        for j in range(side):
+            count += row[j]
+    return count

@@ -1,0 +1,147 @@
+"""What the robot saw to be free: the cells that beams passed before they met something.
+
+A beam that did not return says nothing: black cloth may have swallowed it, or a mirror sent it away. Nor does
+one that is about as long as the longest of the log, as some lasers then report nearly their maximum. A beam
+passes glass that others hit, and people walk through where other beams saw nothing: so cells near anything that
+was hit on the run are not free, whatever passed them; see `free_squares`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from m2t_text.description.free_cells import FreeSpace, Mask
+from m2t_text.logs.log import Log
+from m2t_text.util.geometry import between, compose
+from m2t_text.util.types import Floats
+
+SHORT_OF_HIT = 0.25  # m before what a beam hit: its error, and that of the poses on one run
+NEAR_MAXIMUM = 0.98  # of the longest reading; longer ones may be a laser's way to say that nothing came back
+GAP = 2.0  # cells between two beams that both pass, within which nothing is thought to hide
+
+
+@dataclass(frozen=True)
+class Beams:
+    """How far the beams of all scans of a log passed what is free.
+
+    Attributes:
+        starts: (S + 1,) the beams of scan i are those from ``starts[i]`` to ``starts[i + 1]``.
+        bearings: (R,) radians in the laser's frame, in the order of each scan.
+        lengths: (R,) metres from the laser; 0 where nothing is known.
+        laser: (3,) its pose in the robot's frame.
+    """
+
+    starts: NDArray[np.int64]
+    bearings: Floats
+    lengths: Floats
+    laser: Floats
+
+    @classmethod
+    def of(cls, log: Log, range_limit: float, longest: float | None = None) -> "Beams":
+        """Up to ``range_limit`` metres; ``longest`` is the longest reading of the log that this is part of."""
+        trusted = NEAR_MAXIMUM * (longest_reading(log) if longest is None else longest)
+        lengths = [_clear_lengths(scan.ranges, trusted, range_limit) for scan in log.scans]
+        starts = np.concatenate([[0], np.cumsum([len(part) for part in lengths])]).astype(np.int64)
+        none = np.empty(0)
+        bearings = np.concatenate([none, *(scan.angles for scan in log.scans)])
+        return cls(starts, bearings, np.concatenate([none, *lengths]), log.laser_pose)
+
+
+def _clear_lengths(ranges: Floats, trusted: float, range_limit: float) -> Floats:
+    """How far each beam (B,) of a scan is known to have passed nothing but free space, metres.
+
+    That is no farther than what its neighbours hit, between which a wall may lie that is seen at a flat angle.
+    """
+    hit = np.concatenate([[np.inf], np.where(ranges > 0, ranges, np.inf), [np.inf]])
+    nearest = np.minimum(np.minimum(hit[:-2], hit[2:]), ranges)
+    return np.where(ranges < trusted, np.clip(nearest - SHORT_OF_HIT, 0.0, range_limit), 0.0)
+
+
+def longest_reading(log: Log) -> float:
+    """Of all beams of a log that returned, metres."""
+    return max(
+        (scan.ranges.max(initial=0.0, where=np.isfinite(scan.ranges)) for scan in log.scans), default=0.0
+    )
+
+
+class FreeScans:
+    """What each scan of a survey saw to be free, made when it is first asked for: maps that overlap share it.
+
+    Args:
+        beams: of the scans.
+        trajectory: (S, 3) robot poses in one frame; the cells are those of this frame.
+        cell: metres.
+    """
+
+    def __init__(self, beams: Beams, trajectory: Floats, cell: float) -> None:
+        self._beams = beams
+        self._trajectory = trajectory
+        self._lasers = compose(trajectory, beams.laser)
+        self._cell = cell
+        self._half = math.ceil(beams.lengths.max(initial=0.0) / cell) + 1
+        self._passed: dict[int, Mask] = {}
+
+    def together(self, scans: NDArray[np.int64]) -> FreeSpace:
+        """What was seen on a run, in the robot frame of its first scan. Earlier scans are forgotten."""
+        for scan in [scan for scan in self._passed if scan < scans[0]]:
+            del self._passed[scan]
+        centres = np.floor(self._lasers[scans, :2] / self._cell).astype(np.int64)
+        low, high = centres.min(axis=0), centres.max(axis=0)
+        cells = np.zeros(high - low + 2 * self._half + 1, dtype=np.bool_)
+        for scan, (x, y) in zip(scans.tolist(), (centres - low).tolist(), strict=True):
+            _add(cells, self._of(scan), x, y)
+        corner = np.array([*(low - self._half) * self._cell, 0.0])
+        return FreeSpace(cells, between(self._trajectory[scans[0]], corner), self._cell)
+
+    def _of(self, scan: int) -> Mask:
+        if scan not in self._passed:
+            part = slice(*self._beams.starts[scan : scan + 2])
+            self._passed[scan] = _passed(
+                self._lasers[scan],
+                self._beams.bearings[part],
+                self._beams.lengths[part],
+                self._cell,
+                self._half,
+            )
+        return self._passed[scan]
+
+
+@njit(cache=True, nogil=True)
+def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float, half: int) -> Mask:
+    """The cells that a scan's beams pass, ``half`` cells to each side of the laser's.
+
+    Where neighbouring beams are one to GAP cells apart, one between them is thought to pass as far as both.
+    """
+    cells = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.bool_)
+    x = laser[0] / cell - np.floor(laser[0] / cell) + half
+    y = laser[1] / cell - np.floor(laser[1] / cell) + half
+    before, bearing_before = 0.0, 0.0
+    for k in range(len(bearings)):
+        length, bearing = lengths[k] / cell, bearings[k] + laser[2]
+        _walk(cells, x, y, bearing, 0.0, length)
+        gap = abs(bearing - bearing_before)
+        if before > 0 and gap > 0:
+            end = min(length, before, GAP / gap)
+            _walk(cells, x, y, (bearing + bearing_before) / 2, 1 / gap, end)
+        before, bearing_before = length, bearing
+    return cells
+
+
+@njit(cache=True, nogil=True)
+def _walk(cells: Mask, x: float, y: float, bearing: float, begin: float, end: float) -> None:
+    """Marks the cells at every step of one cell along a beam."""
+    c, s = np.cos(bearing), np.sin(bearing)
+    for step in range(int(np.ceil(begin)), int(end) + 1 if end > 0 else 0):
+        cells[int(x + step * c), int(y + step * s)] = True
+
+
+@njit(cache=True, nogil=True)
+def _add(cells: Mask, part: Mask, x: int, y: int) -> None:
+    """Marks the cells of a part that begins at the cell (x, y)."""
+    for i in range(part.shape[0]):
+        whole, added = cells[x + i, y : y + part.shape[1]], part[i]
+        for j in range(len(added)):
+            whole[j] |= added[j]

@@ -15,6 +15,7 @@ from .recognition.answer import Answer, SearchOptions, search
 from .recognition.finding import Finding, Found, find, verify_hits
 from .recognition.queries import Query
 from .recognition.verification import Alignment, align, relative_pose
+from .slam.mapping import MapOfLogs, map_logs
 from .sources.opening import LogSource, SourceOptions, open_source
 from .sources.public_logs import LOGS, fetch
 
@@ -38,6 +39,7 @@ __all__ = [
     "M2TError",
     "MapIndex",
     "MapIndexError",
+    "MapOfLogs",
     "Parameters",
     "Query",
     "QueryError",
@@ -54,6 +56,7 @@ __all__ = [
     "fetch",
     "find",
     "indexes_in",
+    "map_logs",
     "merge",
     "open_index",
     "open_source",

@@ -14,8 +14,8 @@ from m2t_text.cli.commands.info import info
 from m2t_text.cli.commands.inspect import inspect
 from m2t_text.cli.commands.loops import loops
 from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove
+from m2t_text.cli.commands.map import map_command
 from m2t_text.cli.commands.search import search
-from m2t_text.cli.commands.serve import serve
 
 app = typer.Typer(
     name="m2t-text",
@@ -32,7 +32,6 @@ COMMANDS = (
     inspect,
     info,
     loops,
-    serve,
     evaluate,
     evaluate_loops,
     evaluate_map,
@@ -43,6 +42,7 @@ COMMANDS = (
 )
 for command in COMMANDS:
     app.command()(command)
+app.command("map")(map_command)
 
 
 def _print_version(wanted: bool) -> None:

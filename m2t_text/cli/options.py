@@ -51,6 +51,9 @@ OdometryTopicOption = Annotated[
         show_default="the only one, else tf",
     ),
 ]
+NoOdometryOption = Annotated[
+    bool, typer.Option("--no-odometry", help="Go by scan matching alone, whatever odometry the log has.")
+]
 LaserPoseOption = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
@@ -90,6 +93,7 @@ READING = {
     "name": (LogNameOption, None),
     "scan_topic": (ScanTopicOption, None),
     "odometry_topic": (OdometryTopicOption, None),
+    "no_odometry": (NoOdometryOption, False),
     "laser_pose": (LaserPoseOption, None),
     "upside_down": (UpsideDownOption, False),
     "height": (HeightOption, None),
@@ -128,6 +132,7 @@ def source_options(
     name: str | None,
     scan_topic: list[str] | None,
     odometry_topic: str | None,
+    no_odometry: bool,
     laser_pose: tuple[float, float, float] | None,
     upside_down: bool,
     height: tuple[float, float] | None,
@@ -137,7 +142,8 @@ def source_options(
     from m2t_text.sources.opening import SourceOptions
 
     pose = None if laser_pose is None else (*laser_pose[:2], radians(laser_pose[2]))
-    log = LogOptions(tuple(scan_topic or ()), odometry_topic, pose, upside_down, height)
+    odometry = "none" if no_odometry else odometry_topic
+    log = LogOptions(tuple(scan_topic or ()), odometry, pose, upside_down, height)
     return SourceOptions(name, log)
 
 

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from m2t_text.errors import M2TError
+from m2t_text.logs.log import Log
 from m2t_text.loops.detection import Walk
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import Edge, PoseGraph
 from m2t_text.util.files import written_whole
+from m2t_text.util.types import Floats
 
 
 def to_g2o(graph: PoseGraph) -> str:
@@ -26,14 +28,19 @@ def _edge(edge: Edge) -> str:
 
 
 def to_tum(walk: Walk) -> str:
-    """The trajectory before any loop, a line a scan: ``timestamp x y z qx qy qz qw``.
+    """The trajectory before any loop; see `tum_lines`."""
+    return tum_lines(walk.log, walk.survey.trajectory)
+
+
+def tum_lines(log: Log, poses: Floats) -> str:
+    """A trajectory (S, 3) of a log's scans, a line a scan: ``timestamp x y z qx qy qz qw``.
 
     Where the log's times do not ascend from scan to scan, the timestamps are the scans' numbers.
     """
-    times = np.array([scan.timestamp for scan in walk.log.scans])
+    times = np.array([scan.timestamp for scan in log.scans])
     if not (np.diff(times) > 0).all():
         times = np.arange(len(times), dtype=float)
-    return "".join(f"{line}\n" for line in _tum(times, walk.survey.trajectory))
+    return "".join(f"{line}\n" for line in _tum(times, poses))
 
 
 def _tum(times: np.ndarray, poses: np.ndarray) -> Iterator[str]:

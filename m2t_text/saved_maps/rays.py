@@ -132,17 +132,21 @@ def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def count(passed: NDArray[np.int32], begin: Floats, ends: Floats) -> None:
-    """Adds 1 to each cell that segments from ``begin`` (2,) to ``ends`` (N, 2) pass, but their last ones.
+def add_along(
+    sums: NDArray[np.float32], stamps: NDArray[np.int32], stamp: int, begin: Floats, end: Floats, value: float
+) -> None:
+    """Adds a value to each cell that a segment from ``begin`` (2,) to ``end`` (2,) passes, but to its last one.
 
-    All in units of cells; ``passed`` is (rows, columns), and what lies outside is not counted.
+    Cells that bear the stamp already are left out, the others get it. All in units of cells; ``sums`` and
+    ``stamps`` are (rows, columns), and what lies outside is left out.
     """
-    rows, columns = passed.shape
-    for k in range(len(ends)):
-        across = _begin(begin[0], ends[k, 0] - begin[0])
-        down = _begin(begin[1], ends[k, 1] - begin[1])
-        column, row = int(math.floor(ends[k, 0])), int(math.floor(ends[k, 1]))
-        while min(across.border, down.border) <= 1.0 and not (across.cell == column and down.cell == row):
-            if 0 <= across.cell < columns and 0 <= down.cell < rows:
-                passed[down.cell, across.cell] += 1
-            across, down = _next(across, down)
+    rows, columns = sums.shape
+    across = _begin(begin[0], end[0] - begin[0])
+    down = _begin(begin[1], end[1] - begin[1])
+    column, row = int(math.floor(end[0])), int(math.floor(end[1]))
+    while min(across.border, down.border) <= 1.0 and not (across.cell == column and down.cell == row):
+        inside = 0 <= across.cell < columns and 0 <= down.cell < rows
+        if inside and stamps[down.cell, across.cell] != stamp:
+            stamps[down.cell, across.cell] = stamp
+            sums[down.cell, across.cell] += value
+        across, down = _next(across, down)

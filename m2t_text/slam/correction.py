@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from m2t_text.loops.detection import Walk
 from m2t_text.loops.graph import Edge
@@ -11,78 +13,112 @@ from m2t_text.loops.uncertainty import Uncertain
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread
 from m2t_text.slam.neighbours import Neighbours, pairs_nearby
 from m2t_text.slam.optimisation import Constraints, optimise, robust_weights
-from m2t_text.util.geometry import between, compose
-from m2t_text.util.types import Floats, StageProgress
+from m2t_text.util.geometry import between, compose, inverse
+from m2t_text.util.types import Floats, Ints, StageProgress
 
 ROUNDS = 6  # of comparing neighbours and optimising, at most
-SETTLED = 0.05  # m; once no key scan moves by more, neighbours are compared without a search, for the last time
+SETTLED = 0.05  # m; once no key scan moves by more, neighbours are compared for the last time, without a search
 OUTLIER = 0.2  # share of its weight below which a constraint is one that the others contradict
 
 
 @dataclass(frozen=True)
 class Correction:
-    """A corrected drive.
+    """A corrected drive, or several that loops join.
 
     Attributes:
         trajectory: (S, 3) corrected poses of all scans.
         keys: its key scans.
-        constraints: between key scans, by number of key scan: steps, loops and neighbours.
-        steps, loops, neighbours: how many of each; the constraints are in this order.
-        outliers: how many loops the others contradict, and how many neighbours.
+        constraints: between key scans, by number of key scan; what the others contradict is not among them.
+        kinds: (E,) "step", "loop" or "neighbour".
+        dropped: how many loops and how many neighbours the others contradict.
+        joined: (D,) whether each drive is tied to the most scans, directly or by way of others; where one that
+            is not lies is unknown.
     """
 
     trajectory: Floats
     keys: KeyScans
     constraints: Constraints
-    steps: int
-    loops: int
-    neighbours: int
-    outliers: tuple[int, int]
+    kinds: np.ndarray
+    dropped: tuple[int, int]
+    joined: np.ndarray
+
+    def count(self, kind: str) -> int:
+        """How many constraints are of a kind."""
+        return int((self.kinds == kind).sum())
 
 
 def correct(walked: Walk, jobs: int = 1, progress: StageProgress | None = None) -> Correction:
-    """The drive of a walk, corrected. It looks at the whole drive: what it says of a scan may follow from later
-    ones."""
+    """The drives of a walk, corrected. It looks at all of them at once: what it says of a scan may follow from
+    later ones."""
     tell = progress or (lambda stage, done, of: None)
     raw = walked.survey.trajectory
     keys = key_scans(walked.log, raw)
     steps, loops = _steps(walked, keys), _loops(walked, keys)
     compared = Neighbours(keys, jobs)
-    behind = compared.behind(raw[keys.numbers], partial(tell, "comparing scans"))
-    fixed = steps.joined(loops).joined(behind)
-    poses = optimise(raw[keys.numbers], fixed)
-    known, graph = loops, fixed
+    start = _in_one_frame(raw[keys.numbers], keys, loops)
+    fixed = steps.joined(loops).joined(compared.behind(start, partial(tell, "comparing scans")))
+    poses, graph, known = optimise(start, fixed), fixed, loops
     moved = np.inf
     for turn in range(ROUNDS):
-        pairs = pairs_nearby(keys, poses, known)
         last = moved <= SETTLED or turn == ROUNDS - 1
+        pairs = pairs_nearby(keys, poses, known)
         nearby = compared.nearby(pairs, poses, not last, partial(tell, f"closing loops, round {turn + 1}"))
         graph = fixed.joined(nearby)
         before, poses = poses, optimise(poses, graph)
         moved = float(np.abs(poses - before)[:, :2].max())
-        known = loops.joined(_agreeing(nearby, poses))
+        known = loops.joined(nearby.chosen(robust_weights(nearby, poses) >= OUTLIER))
         if last:
             break
-    weights = robust_weights(graph, poses)
-    ours = slice(len(steps), len(steps) + len(loops))
-    wrong = int((weights[ours] < OUTLIER).sum()), int((weights[ours.stop :] < OUTLIER).sum())
-    corrected = spread(raw, keys, poses)
-    counts = len(steps), len(loops), len(graph) - len(steps) - len(loops)
-    return Correction(corrected, keys, graph, *counts, wrong)
+    counts = [len(steps), len(loops), len(graph) - len(steps) - len(loops)]
+    kinds = np.repeat(["step", "loop", "neighbour"], counts)
+    right = robust_weights(graph, poses) >= OUTLIER
+    poses = optimise(poses, graph.chosen(right))
+    dropped = tuple(int((kinds[~right] == kind).sum()) for kind in ("loop", "neighbour"))
+    return Correction(
+        spread(raw, keys, poses),
+        keys,
+        graph.chosen(right),
+        kinds[right],
+        (dropped[0], dropped[1]),
+        _joined(keys, graph.chosen(right)),
+    )
 
 
-def _agreeing(constraints: Constraints, poses: Floats) -> Constraints:
-    return constraints.chosen(robust_weights(constraints, poses) >= OUTLIER)
+def _in_one_frame(poses: Floats, keys: KeyScans, loops: Constraints) -> Floats:
+    """The key scans' poses (K, 3), each drive laid where a loop with a drive laid before puts it."""
+    laid, poses = {int(keys.drives[0])}, poses.copy()
+    ends = keys.drives[loops.pairs]
+    for _ in range(int(keys.drives[-1])):
+        new = [k for k, (a, b) in enumerate(ends.tolist()) if (a in laid) != (b in laid)]
+        if not new:
+            break
+        start, end = loops.pairs[new[0]]
+        pose = loops.poses[new[0]]
+        if int(keys.drives[start]) not in laid:
+            start, end, pose = end, start, inverse(pose)
+        drive = keys.drives == keys.drives[end]
+        frame = compose(compose(poses[start], pose), inverse(poses[end]))
+        poses[drive] = compose(frame, poses[drive])
+        laid.add(int(keys.drives[end]))
+    return poses
+
+
+def _joined(keys: KeyScans, constraints: Constraints) -> np.ndarray:
+    count = int(keys.drives[-1]) + 1
+    ends = keys.drives[constraints.pairs]
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    scans = np.bincount(label[keys.drives])
+    return np.asarray(label == np.argmax(scans))
 
 
 def _steps(walked: Walk, keys: KeyScans) -> Constraints:
-    """From each key scan to the next, as odometry and scan matching have it."""
-    drift = walked.drifts[walked.log.name]
-    motions = drift.relative(keys.numbers[:-1], keys.numbers[1:])
-    count = len(keys) - 1
-    pairs = np.column_stack([np.arange(count), np.arange(1, count + 1)])
+    """From each key scan to the next of its drive, as odometry and scan matching have it."""
+    first = np.flatnonzero(np.diff(keys.drives) == 0)
+    motions = walked.drifts[walked.log.name].relative(keys.numbers[first], keys.numbers[first + 1])
     information = np.linalg.inv(motions.covariance).astype(float)
-    return Constraints(pairs, motions.pose, information, np.zeros(count, dtype=bool))
+    pairs = np.column_stack([first, first + 1])
+    return Constraints(pairs, motions.pose, information, np.zeros(len(first), dtype=bool))
 
 
 def _loops(walked: Walk, keys: KeyScans) -> Constraints:
@@ -90,20 +126,14 @@ def _loops(walked: Walk, keys: KeyScans) -> Constraints:
     own = [loop for loop in walked.loops if loop.dataset == walked.log.name]
     raw = walked.survey.trajectory
     ends = np.array([(loop.place, loop.scan) for loop in own], dtype=np.int64).reshape(-1, 2)
-    pairs = np.searchsorted(keys.numbers, ends, side="right") - 1
-    poses, information = [], []
-    for loop, (start, end) in zip(own, keys.numbers[pairs], strict=True):
+    pairs: Ints = np.searchsorted(keys.numbers, ends, side="right") - 1
+    edges = []
+    for loop, (start, end), (first, last) in zip(own, keys.numbers[pairs], pairs.tolist(), strict=True):
         to_place = between(raw[start], raw[loop.place])
         back = Uncertain(between(raw[loop.scan], raw[end]), np.zeros((3, 3)))
         pose = Uncertain(compose(to_place, loop.pose.pose), loop.pose.covariance).then(back)
-        poses.append(pose.pose)
-        information.append(np.linalg.inv(pose.covariance))
-    return Constraints(
-        pairs,
-        np.array(poses).reshape(-1, 3),
-        np.array(information).reshape(-1, 3, 3),
-        np.ones(len(own), dtype=bool),
-    )
+        edges.append(Edge(first, last, pose))
+    return constraints_of(edges, robust=True)
 
 
 def constraints_of(edges: list[Edge], robust: bool) -> Constraints:

@@ -1,1 +1,0 @@
-"""The page on which places are found, and the HTTP interface behind it."""

@@ -1,5 +1,0 @@
-from typing import Any
-
-
-def document(version: str) -> dict[str, Any]:
-    return {}

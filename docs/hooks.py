@@ -24,6 +24,7 @@ ORDER = (
     "bags",
     "point-clouds",
     "saved-maps",
+    "web",
     "indexes",
     "loops",
     "mapping",

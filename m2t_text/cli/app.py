@@ -16,6 +16,7 @@ from m2t_text.cli.commands.loops import loops
 from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove
 from m2t_text.cli.commands.map import map_command
 from m2t_text.cli.commands.search import search
+from m2t_text.cli.commands.serve import serve
 
 app = typer.Typer(
     name="m2t-text",
@@ -32,6 +33,7 @@ COMMANDS = (
     inspect,
     info,
     loops,
+    serve,
     evaluate,
     evaluate_loops,
     evaluate_map,

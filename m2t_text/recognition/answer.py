@@ -110,8 +110,16 @@ def search(
     return answer(query, index, options, perf_counter() - begin)
 
 
-def answer(query: Query, index: MapIndex, options: SearchOptions, described: float = 0.0) -> Answer:
+def answer(
+    query: Query,
+    index: MapIndex,
+    options: SearchOptions,
+    described: float = 0.0,
+    where: str | None = None,
+) -> Answer:
     """Finds the maps of the index that show what a query shows; it took ``described`` seconds to make.
+
+    Only maps that ``where`` finds, a query of Whoosh's language, are looked at.
 
     Raises:
         QueryError: if there is nothing to search for.
@@ -120,7 +128,8 @@ def answer(query: Query, index: MapIndex, options: SearchOptions, described: flo
         raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
     index.model()  # loads the compiled code, which is no part of any one search
     exclude = query.excluding(options.exclude_travel)
-    return Answer(query, index, find(index, query, options.top, exclude, options.verify), described)
+    chosen = None if where is None else index.parse(where)
+    return Answer(query, index, find(index, query, options.top, exclude, options.verify, chosen), described)
 
 
 def inspection(query: Query, cell: float) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from m2t_text.index.schema import schema
 from m2t_text.index.storage.directory import MapStorage, flush
 from m2t_text.index.writing.lock import OURS, locked, sweep
 from m2t_text.index.writing.segment_writer import SafeIndex
-from m2t_text.index.writing.toc import generation, write
+from m2t_text.index.writing.toc import contents_name, generation, write
 
 
 def create_whoosh(folder: Path, parameters: Parameters, seconds: float) -> None:
@@ -61,6 +61,15 @@ def open_whoosh(folder: Path) -> tuple[SafeIndex, Parameters]:
     with reading(folder):
         whoosh = SafeIndex(MapStorage(folder))
         return whoosh, whoosh.schema["text"].parameters
+
+
+def revision(folder: Path) -> str | None:
+    """A different string for each commit to the index in a folder; None if there is no index."""
+    number = generation(MapStorage(folder))
+    try:
+        return f"{number}-{(folder / contents_name(number)).stat().st_mtime_ns:x}"
+    except OSError:  # none was made, or a later commit has replaced it
+        return None if number < 0 else f"{number}-"
 
 
 def no_index(folder: Path) -> MapIndexError:

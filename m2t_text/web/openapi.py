@@ -1,0 +1,5 @@
+from typing import Any
+
+
+def document(version: str) -> dict[str, Any]:
+    return {}

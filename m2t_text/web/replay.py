@@ -1,0 +1,103 @@
+"""A drive, looked up place by place as it went."""
+
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+import numpy as np
+
+from m2t_text.description.document import Document
+from m2t_text.recognition.answer import Answer, SearchOptions, answer
+from m2t_text.recognition.queries import Query
+from m2t_text.web.naming import UPLOAD
+from m2t_text.web.parsing import SPACING
+from m2t_text.web.served import Committed
+from m2t_text.web.uploads import Upload
+
+OTHER_VISITS = 10.0  # m; of a drive that is in the index, maps nearer by travel are the same visit
+TOP = 3  # hits told of each place
+STEP = 0.5  # s to wait for the next place of a drive that is being read, before its progress is told
+
+
+class Drive(Protocol):
+    """The places of a drive, in their order."""
+
+    def place(self, number: int) -> Document | None:
+        """One of them; None if it is not known yet, or there are no more."""
+
+    @property
+    def total(self) -> int | None:
+        """How many there are; None while it is not known."""
+
+    def progress(self) -> dict[str, Any]:
+        """How far it has been read."""
+
+
+class UploadedDrive:
+    """The places of an upload, as soon as they are described."""
+
+    def __init__(self, upload: Upload) -> None:
+        self._upload = upload
+
+    def place(self, number: int) -> Document | None:
+        return self._upload.documents[number] if self._upload.wait(number, STEP) else None
+
+    @property
+    def total(self) -> int | None:
+        return len(self._upload.documents) if self._upload.done else None
+
+    def progress(self) -> dict[str, Any]:
+        return self._upload.to_json()
+
+
+class IndexedDrive:
+    """The places of a dataset of the index, SPACING metres apart."""
+
+    def __init__(self, dataset: str, committed: Committed) -> None:
+        part = committed.slice_of(dataset)
+        begins = committed.overview.records["travel"][part, 0]
+        if np.ptp(begins) > 0:
+            chosen = np.unique(np.floor(begins / SPACING), return_index=True)[1]
+        else:
+            chosen = np.arange(len(begins))
+        self._numbers = committed.overview.numbers[part][chosen].tolist()
+        self._index = committed.index
+
+    def place(self, number: int) -> Document | None:
+        if number >= len(self._numbers):
+            return None
+        return next(self._index.numbered([self._numbers[number]]))
+
+    @property
+    def total(self) -> int | None:
+        return len(self._numbers)
+
+    def progress(self) -> dict[str, Any]:
+        return {}
+
+
+def looked_up(document: Document, committed: Committed) -> Answer:
+    """A place looked up in the index; of its own dataset, only other visits count."""
+    query = Query.of(document)
+    exclude = OTHER_VISITS if query.driven and document.dataset in committed.overview.names else None
+    return answer(query, committed.index, SearchOptions(top=TOP, exclude_travel=exclude))
+
+
+def told(number: int, document: Document, found: Answer, upload: str | None) -> dict[str, Any]:
+    """What the page is told of a place: where it lies in the drive, and the answer of ``search --json``."""
+    name = document.map_id if upload is None else f"{UPLOAD}{upload}/{document.first_scan:06d}"
+    return {
+        "number": number,
+        "query": name,
+        "travel": document.travel.tolist(),
+        "own_pose": document.pose.tolist(),
+        "answer": found.to_json(),
+    }
+
+
+def places(drive: Drive, begin: int) -> Iterator[tuple[int, Document | None]]:
+    """Numbers and places from ``begin`` on; (number, None) where nothing came for a while."""
+    number = begin
+    while drive.total is None or number < drive.total:
+        document = drive.place(number)
+        yield number, document
+        number += document is not None

@@ -1,159 +1,290 @@
 """A ROS bag as a log: its laser scans, each with the odometry at its time, and the laser's place by tf."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.errors import LogError, PartError, clean
-from m2t_text.logs.frames import planar
-from m2t_text.logs.log import Log, LogOptions
+from m2t_text.logs.beams import upside_down
+from m2t_text.logs.clocks import Stream, Timed, settled
+from m2t_text.logs.frames import mounting, planar
+from m2t_text.logs.leaps import joined, stands
+from m2t_text.logs.log import ALONE, Log, LogOptions, Scan
+from m2t_text.logs.merging import merged
 from m2t_text.logs.odometry import Track, interpolate
-from m2t_text.logs.recording import Recording
-from m2t_text.logs.ros import LASER, ODOMETRY, TRANSFORMS, Bag, open_bag
-from m2t_text.util.files import shown
-from m2t_text.util.names import checked_name, dataset_name
+from m2t_text.logs.point_scans import scan_of
+from m2t_text.logs.recording import Recording, Sweep, stream_of
+from m2t_text.logs.returns import no_returns, told, without
+from m2t_text.logs.ros import POINTS, Bag, open_bag
+from m2t_text.logs.topics import Chosen, choose, listed
+from m2t_text.util.files import is_folder, shown
+from m2t_text.util.names import alike, bag_files, checked_name, dataset_name
 from m2t_text.util.types import Floats, Progress
 
 OUTSIDE = 0.1  # s before the first odometry or after the last at which a scan is taken to be at its pose
 TILT = math.radians(20.0)  # of a laser; from there on it does not see the walls level with the floor
-LISTED = 12  # topics or frames named in one line
+BY_HAND = "say where the laser sits on the robot by --laser-pose X Y DEGREES"
+
+
+@dataclass(frozen=True)
+class Laser:
+    """One laser: its sweeps, whether they are as seen from above, and its pose (4, 4) on the robot."""
+
+    topic: str
+    sweeps: list[Sweep]
+    level: bool
+    mount: Floats
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """Poses (N, 3) of the frame ``robot``, and when they were told; no rows where nothing tells."""
+
+    robot: str
+    stream: Stream
+    poses: Floats
 
 
 def read_bag(
     path: Path, name: str | None = None, progress: Progress | None = None, options: LogOptions | None = None
 ) -> Log:
-    """Read a ROS bag: LaserScan messages, with the odometry of Odometry messages or else of tf.
+    """Read a ROS bag: scans or clouds of points, with the odometry of Odometry messages or else of tf.
 
-    The robot's frame is the one whose odometry it is. The laser may sit in it anywhere, also upside down, as
-    long as it scans level with the floor. ``progress`` is told messages read and all. What cannot be used is
-    skipped and counted in the log's warnings.
+    The robot's frame is the one whose odometry it is. The laser may sit in it anywhere, also upside down; one
+    that scans a plane must do so level with the floor. ``progress`` is called with the messages read and all.
+    What cannot be used is skipped, where clock or odometry begin again the drive is cut, and each is told in
+    the log's warnings.
 
     Raises LogError with one line if the bag cannot be opened, if a topic or a transform is missing, if more
-    than half of the scans are damaged or fewer than two are left.
+    than half of the scans cannot be used or fewer than two are left.
     """
+    options = options or LogOptions()
     name = dataset_name(path) if name is None else checked_name(name)
     try:
         with open_bag(path) as bag:
-            recording = _record(bag, options or LogOptions(), progress)
-        return _log(name, recording, options or LogOptions())
+            chosen = choose(bag.topics, options)
+            recording, odometry, lasers = _record(bag, chosen, options, progress)
+        return _log(name, recording, odometry, lasers, bag.warnings)
     except PartError as error:
-        raise LogError(clean(f"{shown(path)}: {error}")) from error
+        raise LogError(clean(f"{shown(path)}: {error}{_parts(path)}")) from error
 
 
-def _record(bag: Bag, options: LogOptions, progress: Progress | None) -> Recording:
-    held = _listed(f"{topic} ({_plain(kind)})" for topic, kind in sorted(bag.topics.items()))
-    if len(options.scan) > 1:
-        raise PartError("--scan-topic: one laser of a bag is read; name one topic")
-    laser = _topic(bag, (LASER,), next(iter(options.scan), None), "--scan-topic")
-    if laser is None:
-        raise PartError(f"no laser scans ({_plain(LASER)}) in the bag; its topics are {held}")
-    odometry = _topic(bag, (ODOMETRY, TRANSFORMS), options.odometry, "--odometry-topic")
-    transforms = {topic for topic, kind in bag.topics.items() if kind == TRANSFORMS}
-    if odometry is None and not transforms:
-        raise PartError(f"no odometry ({_plain(ODOMETRY)}) and no tf in the bag; its topics are {held}")
-    recording = Recording(by_tf=odometry is None or odometry in transforms)
-    wanted = {laser} | transforms | ({odometry} if odometry else set())
-    for message in bag.messages(wanted, recording.damage, progress):
-        recording.add(message)
-    return recording
-
-
-def _topic(bag: Bag, kinds: tuple[str, ...], wanted: str | None, option: str) -> str | None:
-    """The topic that is wanted, of one of the kinds; else the only one of the first kind, if there is one."""
-    if wanted is not None:
-        fitting = [topic for topic, kind in sorted(bag.topics.items()) if kind in kinds]
-        for topic in fitting:
-            if topic.strip("/") == wanted.strip("/"):
-                return topic
-        raise PartError(
-            f"{option}: no topic {wanted!r} of the type {_plain(kinds[0])}; there is {_listed(fitting)}"
-        )
-    held = [topic for topic, kind in sorted(bag.topics.items()) if kind == kinds[0]]
-    if len(held) > 1:
-        raise PartError(f"several topics of the type {_plain(kinds[0])}: {_listed(held)}; name one by {option}")
-    return held[0] if held else None
-
-
-def _log(name: str, recording: Recording, options: LogOptions) -> Log:
-    damage, skipped, kept = recording.damage, recording.skipped, len(recording.sweeps)
-    found = "".join(f" ({line})" for line in damage.report()[:1])
-    if skipped > kept:
-        raise PartError(f"{skipped} of {skipped + kept} scans are damaged{found}: record or fetch it again")
-    if kept == 0:
-        raise PartError(f"no scan can be read{found}: record or fetch it again")
-    robot, wheels = _odometry(recording, found)
-    mounted = None if options.laser_pose else _mounted(recording, robot)
-    sweeps = []
-    for sweep in sorted(recording.sweeps, key=lambda sweep: sweep.time):
-        if wheels.times[0] - OUTSIDE <= sweep.time <= wheels.times[-1] + OUTSIDE:
-            sweeps.append(sweep)
-        else:
-            damage.add("scan before the first odometry or after the last", sweep.number)
-    if len(sweeps) < 2:
-        raise PartError(
-            f"only {len(sweeps)} of {kept + skipped} scans at the times of the odometry, and a log needs 2: "
-            "are the stamps of one clock?"
-        )
-    times = np.array([sweep.time for sweep in sweeps])
-    poses, drives, _ = interpolate(Track(times, times, np.empty((0, 3))), wheels)
-    upright = not options.upside_down and (mounted is None or mounted[2, 2] > 0)
-    return Log(
-        name=name,
-        scans=tuple(
-            replace(sweep.scan(pose, upright), drive=int(drive))
-            for sweep, pose, drive in zip(sweeps, poses, drives, strict=True)
-        ),
-        laser_pose=planar(mounted) if mounted is not None else np.array(options.laser_pose),
-        warnings=tuple(clean(line) for line in damage.report()),
+def _parts(path: Path) -> str:
+    """What to do if a file is one part of a recording: one alone often lacks what the first one holds."""
+    if is_folder(path) or sum(alike(path, one) for one in bag_files(path.absolute().parent)) < 2:
+        return ""
+    folder = shown(path.parent)
+    return (
+        f". If it is a part of a recording, name its folder {folder}, or mend it by `ros2 bag reindex {folder}`"
     )
 
 
-def _odometry(recording: Recording, found: str) -> tuple[str, Track]:
-    """The robot's frame and its odometry in the order of time."""
-    assert recording.laser is not None
-    base, _ = recording.frames.base(recording.laser)
-    if recording.by_tf:
-        track = recording.frames.track(base)
-        if track is None:
-            raise PartError(
-                f"no odometry: no {_plain(ODOMETRY)}, and the frame {base!r} of the laser does not move in tf, "
-                f"which knows {_listed(recording.frames.names())}"
-            )
-        times, poses = track
-    elif recording.odometry:
-        base = recording.robot or base
-        times = np.array([time for time, _ in recording.odometry])
-        poses = np.array([pose for _, pose in recording.odometry])
-    else:
-        raise PartError(f"no odometry can be read{found}: name another topic by --odometry-topic")
-    times, order = np.unique(times, return_index=True)
-    return base, Track(times, times, poses[order])
+def _record(
+    bag: Bag, chosen: Chosen, options: LogOptions, progress: Progress | None
+) -> tuple[Recording, Odometry, list[Laser]]:
+    """All that is told. Clouds are read once it is known where their lasers sit, as they are cut at once."""
+    recording = Recording()
+    clouds = {topic for topic in chosen.scans if bag.topics[topic] == POINTS}
+    wanted = (
+        (set(chosen.scans) - clouds) | chosen.transforms | ({chosen.odometry} if chosen.odometry else set())
+    )
+    for message in bag.messages(wanted, recording.damage, None if clouds else progress):
+        recording.add(message)
+    mounts: dict[str, Floats] = {}
+
+    def mount(frame: str) -> Floats:
+        if frame not in mounts:
+            mounts[frame] = _mount(recording, _robot(recording, chosen, frame), frame, options)
+        return mounts[frame]
+
+    if clouds:
+        recording.reduce = lambda points, frame: scan_of(points, mount(frame), options.height)
+        for message in bag.messages(clouds, recording.damage, progress):
+            recording.add(message)
+    if len(chosen.scans) > 1 and options.laser_pose is not None:
+        raise PartError("--laser-pose says where one laser sits, but there are several: name one --scan-topic")
+    lasers, frames = [], []
+    for topic in chosen.scans:
+        frame, sweeps = _one_laser(recording, topic)
+        frames.append(frame)
+        pose = mount(frame)
+        if topic not in clouds:
+            _check_level(frame, pose)
+        lasers.append(Laser(topic, sweeps, topic in clouds, pose))
+    return recording, _odometry(recording, chosen, frames[0]), lasers
 
 
-def _mounted(recording: Recording, robot: str) -> Floats:
+def _one_laser(recording: Recording, topic: str) -> tuple[str, list[Sweep]]:
+    """The frame with the most scans of a topic, and these. Raises PartError if most cannot be used."""
+    frames = recording.sweeps.get(topic, {})
+    skipped, kept = recording.skipped.get(topic, 0), sum(len(sweeps) for sweeps in frames.values())
+    found = "".join(f" ({line})" for line in recording.damage.report()[:1])
+    if skipped > kept or kept == 0:
+        raise PartError(f"{skipped} of {skipped + kept} scans cannot be used{found}")
+    best = max(frames, key=lambda frame: len(frames[frame]))
+    if len(frames) > 1:
+        held = listed(f"{frame!r} ({len(sweeps):,})" for frame, sweeps in frames.items())
+        number = min(sweeps[0].number for frame, sweeps in frames.items() if frame != best)
+        recording.damage.add(
+            f"{topic} has scans of {len(frames)} lasers, {held}: only {best!r} is read", number
+        )
+    return best, frames[best]
+
+
+def _robot(recording: Recording, chosen: Chosen, laser: str) -> str:
+    """The frame that stands for the robot: that of the odometry, or that which carries the laser."""
+    frames = recording.frames
+    if chosen.odometry is not None and recording.odometry:
+        child = max(recording.odometry, key=lambda pair: len(recording.odometry[pair].poses))[1]
+        return child or frames.base(laser)
+    drive = frames.drive(laser) if chosen.by_tf or chosen.odometry else None
+    return drive or frames.base(laser)
+
+
+def _mount(recording: Recording, robot: str, laser: str, options: LogOptions) -> Floats:
     """The pose (4, 4) of the laser on the robot."""
-    assert recording.laser is not None
-    mounted = recording.frames.between(robot, recording.laser)
+    if options.laser_pose is not None:
+        return mounting(options.laser_pose, options.upside_down)
+    mounted = recording.frames.between(robot, laser)
+    base = recording.frames.base(laser)
+    if mounted is None and robot not in recording.frames.names() and base != laser:
+        if "base" not in base.lower():
+            base = robot
+        mounted = recording.frames.between(base, laser)
+        if mounted is not None:
+            recording.damage.add(f"tf does not know {robot!r}, whose odometry it is: taken for {base!r}", 1)
     if mounted is None:
         raise PartError(
-            f"no fixed transform from the robot {robot!r} to the laser {recording.laser!r}: record /tf_static, "
-            f"too; tf knows {_listed(recording.frames.names())}"
+            f"no fixed transform from the robot {robot!r} to the laser {laser!r}: record /tf_static, too, or "
+            f"{BY_HAND}; tf knows {listed(recording.frames.names())}"
         )
-    if abs(mounted[2, 2]) < math.cos(TILT):
-        tilt = math.degrees(math.acos(abs(mounted[2, 2])))
-        raise PartError(f"the laser {recording.laser!r} is tilted by {tilt:.0f} degrees; 2D maps need it level")
+    if options.upside_down and mounted[2, 2] > 0:
+        mounted = mounted @ mounting((0.0, 0.0, 0.0), upside_down=True)
     return mounted
 
 
-def _plain(kind: str) -> str:
-    """A type's name as users of both ROS know it."""
-    return kind.replace("/msg/", "/")
+def _check_level(frame: str, mount: Floats) -> None:
+    if abs(mount[2, 2]) < math.cos(TILT):
+        tilt = math.degrees(math.acos(abs(mount[2, 2])))
+        raise PartError(
+            f"the laser {frame!r} is tilted by {tilt:.0f} degrees; 2D maps need it level, or {BY_HAND}"
+        )
 
 
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    more = f" and {len(every) - LISTED} more" if len(every) > LISTED else ""
-    return ", ".join(every[:LISTED]) + more if every else "none"
+def _odometry(recording: Recording, chosen: Chosen, laser: str) -> Odometry:
+    """How the robot moved, by messages of their own or by tf."""
+    nothing = Stream(np.empty(0), np.empty(0))
+    robot = _robot(recording, chosen, laser)
+    if chosen.odometry is not None and recording.odometry:
+        told = sorted(recording.odometry.items(), key=lambda item: -len(item[1].poses))
+        motion = told[0][1]
+        for (parent, child), other in told[1:]:
+            what = f"{chosen.odometry} also tells how {child!r} moves in {parent!r}, {len(other.poses):,} times"
+            recording.damage.add(f"{what}: not read", 1)
+        return Odometry(robot, stream_of(motion), np.array(motion.poses))
+    joint = recording.frames.joints.get(robot) if chosen.by_tf or chosen.odometry else None
+    if joint is None or not joint.drives:
+        return Odometry(robot, nothing, np.empty((0, 3)))
+    return Odometry(robot, joint.stream, joint.plane)
+
+
+def _log(
+    name: str, recording: Recording, odometry: Odometry, lasers: Sequence[Laser], notes: Sequence[str]
+) -> Log:
+    damage, main = recording.damage, lasers[0]
+    streams = [stream_of(laser.sweeps) for laser in lasers]
+    timed, odd = settled([*streams, *([odometry.stream] if len(odometry.poses) else [])])
+    wheels = timed[-1] if len(odometry.poses) else None
+    placed = [
+        _placed(laser, times, wheels, odometry.poses) for laser, times in zip(lasers, timed, strict=False)
+    ]
+    recurring: list[str] = []
+    scans = []
+    for laser, (kept, poses, drives) in zip(lasers, placed, strict=True):
+        ours, warned = _scans(laser, timed[lasers.index(laser)].times, kept, poses, drives)
+        scans.append(ours)
+        recurring += warned
+    for number in set(range(len(main.sweeps))) - set(placed[0][0].tolist()):
+        damage.add("scan before the first odometry or after the last", main.sweeps[number].number)
+    found = scans[0]
+    if len(found) < 2:
+        raise PartError(
+            f"only {len(found)} of {len(main.sweeps)} scans at the times of the odometry, and a log needs 2: "
+            "are the stamps of one clock?"
+        )
+    leapt = np.flatnonzero(np.diff([scan.drive for scan in found])) + 1
+    set_back = np.unique(timed[0].epochs).size - 1
+    if len(leapt) > set_back:
+        cut = f"odometry leaps or begins again: the drive is cut, and no map spans it: {_numbers(found, leapt)}"
+        odd = [*odd, cut]
+    for laser, others in zip(lasers[1:], scans[1:], strict=True):
+        found = merged(found, planar(main.mount), others, planar(laser.mount))
+    alone = wheels is None or stands(np.array([scan.odometry for scan in found]))
+    return Log(
+        name=name,
+        scans=tuple(found),
+        laser_pose=planar(main.mount),
+        warnings=tuple(
+            clean(line) for line in (*notes, *damage.report(), *odd, *recurring, *([ALONE] * alone))
+        ),
+        has_odometry=not alone,
+    )
+
+
+def _numbers(scans: Sequence[Scan], cuts: NDArray[np.int64]) -> str:
+    first = f"message {scans[cuts[0]].line}"
+    return first if len(cuts) == 1 else f"{len(cuts)} times, first at {first}"
+
+
+def _placed(
+    laser: Laser, scans: Timed, wheels: Timed | None, poses: Floats
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """The sweeps (K,) whose poses are told, in the order of time; their poses (K, 3) and drives (K,)."""
+    order = np.lexsort((scans.times, scans.epochs))
+    if wheels is None:
+        return order, np.zeros((len(order), 3)), scans.epochs[order]
+    kept: list[NDArray[np.int64]] = []
+    found: list[Floats] = []
+    drives: list[NDArray[np.int64]] = []
+    for epoch in np.unique(scans.epochs):
+        ours = order[scans.epochs[order] == epoch]
+        theirs = np.flatnonzero(wheels.epochs == epoch)
+        if not len(theirs):
+            continue
+        times, first = np.unique(wheels.times[theirs], return_index=True)
+        ours = ours[(scans.times[ours] >= times[0] - OUTSIDE) & (scans.times[ours] <= times[-1] + OUTSIDE)]
+        if not len(ours):
+            continue
+        at = scans.times[ours]
+        track = Track(times, times, poses[theirs][first])
+        placed, driven, _ = interpolate(Track(at, at, np.empty((0, 3))), track)
+        kept.append(ours)
+        found.append(placed)
+        drives.append(driven + (drives[-1].max() + 1 if drives else 0))
+    if not kept:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty(0, dtype=np.int64)
+    numbers = np.concatenate(drives)
+    whole = np.concatenate(found)
+    return np.concatenate(kept), joined(whole, numbers) if len(found) > 1 else whole, numbers
+
+
+def _scans(
+    laser: Laser, times: Floats, kept: NDArray[np.int64], poses: Floats, drives: NDArray[np.int64]
+) -> tuple[list[Scan], list[str]]:
+    """The scans of a laser, beams counter-clockwise as seen from above, and a warning for odd readings."""
+    sweeps = [laser.sweeps[k] for k in kept]
+    recurring = no_returns([one.ranges for one in sweeps], [one.angles for one in sweeps])
+    scans = []
+    for sweep, time, pose, drive in zip(sweeps, times[kept], poses, drives, strict=True):
+        ranges, angles = without(sweep.ranges, recurring), sweep.angles
+        if not laser.level and laser.mount[2, 2] < 0:
+            ranges, angles = upside_down(ranges, angles)
+        if angles[0] > angles[-1]:
+            ranges, angles = ranges[::-1], angles[::-1]
+        scans.append(Scan(ranges, angles, pose, float(time), sweep.number, int(drive)))
+    total = sum(one.ranges.size for one in sweeps)
+    return scans, list(told(recurring, total))

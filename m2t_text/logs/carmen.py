@@ -14,7 +14,7 @@ from m2t_text.logs.log import ALONE, Log, LogOptions, Scan
 from m2t_text.logs.odometry import Poses, Track, from_wheels, separate
 from m2t_text.logs.returns import no_returns, told, without
 from m2t_text.util.files import shown
-from m2t_text.util.names import LOGS, checked_name, dataset_name, known_endings
+from m2t_text.util.names import LOGS, PACKED, checked_name, dataset_name, known_endings
 from m2t_text.util.types import Floats, Progress
 
 SICK_MAXIMUM = 80.0  # m; an LMS reports about 81.9 for a beam that did not return
@@ -102,7 +102,9 @@ def _no_scans(path: Path, messages: Messages, found: str) -> str:
         held = ", ".join(f"{count:,} {kind}" for kind, count in messages.others.most_common(3))
         return f"it holds {held} lines, but no FLASER, ROBOTLASER1 or RAWLASER1, which are read{found}"
     ending = path.suffix.lower()
-    unknown = "" if ending in LOGS else f" The ending {ending!r} is unknown; known are {known_endings()}."
+    unknown = (
+        "" if ending in (*LOGS, *PACKED) else f" The ending {ending!r} is unknown; known are {known_endings()}."
+    )
     return (
         f"no FLASER, ROBOTLASER1 or RAWLASER1 line{found}, as a CARMEN log with laser scans has: name another "
         f"file.{unknown}"

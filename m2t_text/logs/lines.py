@@ -1,14 +1,13 @@
-"""The lines of a plain or gzipped file that may be damaged, one at a time, and an account of the damage."""
+"""The lines of a plain or compressed file that may be damaged, one at a time, and an account of the damage."""
 
-import gzip
 import os
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
 from m2t_text.errors import LogError
+from m2t_text.logs.unpacking import is_broken, packing, unpacked
 from m2t_text.util.files import opened, shown
 from m2t_text.util.types import Progress
 
@@ -41,17 +40,16 @@ class Damage:
 def read_lines(
     path: Path, damage: Damage, progress: Progress | None = None
 ) -> Iterator[tuple[int, bytes, bool]]:
-    """Yield (number from 1, text, whether its end of line is there). Gzip is told by its first two bytes.
+    """Yield (number from 1, text, whether its end of line is there). Compression is told by the first bytes.
 
-    Memory is bounded whatever the file holds. Too long lines and a broken gzip are added to ``damage``.
+    Memory is bounded whatever the file holds. Too long lines and broken compression are added to ``damage``.
     Raises LogError if the file cannot be opened or read.
     """
     with opened(path, LogError) as raw:
         size = os.fstat(raw.fileno()).st_size
-        zipped = raw.read(2) == b"\x1f\x8b"
-        raw.seek(0)
-        stream = gzip.GzipFile(fileobj=raw) if zipped else raw
-        for number, text, whole in _bounded_lines(path, stream, damage):
+        how = packing(raw)
+        stream = unpacked(raw, how) if how else raw
+        for number, text, whole in _bounded_lines(path, stream, damage, how):
             yield number, text, whole
             if progress and number % PROGRESS_STEP == 0:
                 progress(raw.tell(), size)
@@ -60,14 +58,16 @@ def read_lines(
 
 
 def _bounded_lines(
-    path: Path, stream: BinaryIO | gzip.GzipFile, damage: Damage
+    path: Path, stream: BinaryIO, damage: Damage, how: str | None
 ) -> Iterator[tuple[int, bytes, bool]]:
     number, length = 0, 0  # length of the too long line that is being skipped, else 0
     while True:
         try:
             text = stream.readline(LINE_LIMIT)
-        except (EOFError, gzip.BadGzipFile, zlib.error):
-            damage.add("the gzip data is cut off or corrupt, the rest was not read", number + 1)
+        except Exception as error:
+            if how is None or not is_broken(error):
+                raise
+            damage.add(f"the {how} data is cut off or corrupt, the rest was not read", number + 1)
             return
         if not text:
             return

@@ -13,7 +13,7 @@ from m2t_text.description.source import Described, Source
 from m2t_text.errors import LogError, M2TError, SourceError
 from m2t_text.logs import Log, LogOptions, read_log
 from m2t_text.util.files import is_file, is_folder
-from m2t_text.util.names import BAGS, CLOUDS, LOGS, SAVED_MAPS, checked_name, dataset_name, is_bag
+from m2t_text.util.names import BAGS, CLOUDS, LOGS, PACKED, SAVED_MAPS, checked_name, dataset_name, is_bag
 from m2t_text.util.types import Progress, StageProgress
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _open_saved_map(path: Path, options: SourceOptions, progress: Progress | Non
 
 Reader = Callable[[Path, SourceOptions, Progress | None], Source]
 READERS: Mapping[str, Reader] = {
-    **dict.fromkeys((*LOGS, *BAGS), _open_log),
+    **dict.fromkeys((*LOGS, *BAGS, *PACKED), _open_log),
     **dict.fromkeys(CLOUDS, _open_cloud),
     **dict.fromkeys(SAVED_MAPS, _open_saved_map),
 }

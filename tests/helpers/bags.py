@@ -14,6 +14,7 @@ from m2t_text.logs import Log
 from m2t_text.logs.simulator import Simulation, simulate
 
 LASER, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+ECHOES, POINTS = "sensor_msgs/msg/MultiEchoLaserScan", "sensor_msgs/msg/PointCloud2"
 TRANSFORMS, OLDER = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 LEVEL = (0.0, 0.0, 0.0, 1.0)  # a quaternion x, y, z, w
 PLUGINS = {".db3": StoragePlugin.SQLITE3, ".mcap": StoragePlugin.MCAP}
@@ -63,14 +64,38 @@ class Messages:
         header = self.header(time, frame)
         return self.make(LASER, header, angles[0], end, angles[1], 0.0, 0.0, *limits, readings, nothing)
 
-    def odometry(self, time: float, pose: Sequence[float], child: str = "base_link") -> Any:
+    def echoes(self, time: float, ranges: Sequence[Sequence[float]], angles: tuple[float, float]) -> Any:
+        """A scan of which each beam has any number of echoes."""
+        made = [self.make("sensor_msgs/msg/LaserEcho", np.array(one, dtype=np.float32)) for one in ranges]
+        end = angles[0] + angles[1] * (len(made) - 1)
+        return self.make(
+            ECHOES, self.header(time, "laser"), angles[0], end, angles[1], 0.0, 0.0, 0.0, 81.0, made, []
+        )
+
+    def points(self, time: float, points: np.ndarray, frame: str = "laser", code: str = "<f4") -> Any:
+        """A cloud of points (N, 3), each with an intensity before it."""
+        data = np.zeros(len(points), dtype=[("intensity", "u1"), *((axis, code) for axis in "xyz")])
+        for axis, column in zip("xyz", points.T, strict=True):
+            data[axis] = column
+        kind = 8 if code.endswith("8") else 7
+        size = data.dtype.itemsize
+        fields = [self.make("sensor_msgs/msg/PointField", "intensity", 0, 2, 1)]
+        for k, axis in enumerate("xyz"):
+            fields.append(self.make("sensor_msgs/msg/PointField", axis, 1 + k * (size - 1) // 3, kind, 1))
+        raw = np.frombuffer(data.tobytes(), np.uint8)
+        header, big = self.header(time, frame), code.startswith(">")
+        return self.make(POINTS, header, 1, len(points), fields, big, size, size * len(points), raw, False)
+
+    def odometry(
+        self, time: float, pose: Sequence[float], child: str = "base_link", parent: str = "odom"
+    ) -> Any:
         point = self.make("geometry_msgs/msg/Point", pose[0], pose[1], 0.0)
         placed = self.make("geometry_msgs/msg/Pose", point, self.quaternion(turned(pose[2])))
         zero = self.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
         twist = self.make("geometry_msgs/msg/Twist", zero, zero)
         with_pose = self.make("geometry_msgs/msg/PoseWithCovariance", placed, np.zeros(36))
         with_twist = self.make("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36))
-        return self.make(ODOMETRY, self.header(time, "odom"), child, with_pose, with_twist)
+        return self.make(ODOMETRY, self.header(time, parent), child, with_pose, with_twist)
 
     def transforms(self, time: float, *edges: tuple[str, str, Sequence[float], Sequence[float]]) -> Any:
         """Each of ``edges`` is a parent, a child, x, y, z and a quaternion x, y, z, w."""

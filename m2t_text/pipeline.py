@@ -1,6 +1,7 @@
 """From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -61,7 +62,7 @@ def view_text(
     cells = np.unique(np.floor(points / cell).astype(np.int64), axis=0)
     words = polestar_words((cells + 0.5) * cell, np.array(parameters.radii))
     squares = NO_SQUARES if free is None else free_squares(free, cells, cell)
-    return Text.of(cells[:, 0], cells[:, 1], words, squares)
+    return replace(Text.of(cells[:, 0], cells[:, 1], words), free=squares)
 
 
 def describe_log(

@@ -16,6 +16,7 @@ Squares = tuple[Cells, Cells, Cells]  # x and y of the lower corner, and the sid
 
 CLEARANCE = 0.2  # m about what is occupied, in which nothing is free, whatever a beam passed
 RIM = 0.4  # m about what is occupied, in which no beam need have passed the cells beside a free one
+EDGE = 1e-6  # cells; nearer to the edge of a grid nothing is looked up, as rounding might lead beyond it
 WORTH = 8  # cells that no other square covers, for which a square is written
 EASING = 0.9  # from one round of choosing squares to the next: what they must add
 
@@ -104,12 +105,22 @@ def _sampled(cells: Mask, origin: Floats, step: Floats, width: int, height: int)
     """
     found = np.zeros((width, height), dtype=np.bool_)
     for i in range(width):
-        for j in range(height):
-            x = origin[0] + i * step[0] + j * step[1]
-            y = origin[1] - i * step[1] + j * step[0]
-            if 0 <= x < cells.shape[0] and 0 <= y < cells.shape[1]:
-                found[i, j] = cells[int(x), int(y)]
+        x, y = origin[0] + i * step[0], origin[1] - i * step[1]
+        first, last = _within(x, step[1], cells.shape[0], 0, height)
+        first, last = _within(y, step[0], cells.shape[1], first, last)
+        row = found[i]
+        for j in range(first, last):
+            row[j] = cells[int(x + j * step[1]), int(y + j * step[0])]
     return found
+
+
+@njit(cache=True, nogil=True)
+def _within(begin: float, step: float, length: int, first: int, last: int) -> tuple[int, int]:
+    """Of the steps from ``first`` to ``last``, those with which ``begin + j * step`` lies within 0...length."""
+    least, most = (EDGE - begin, length - EDGE - begin) if step >= 0 else (begin - length + EDGE, begin - EDGE)
+    if abs(step) * last < EDGE:
+        return (first, last) if least <= 0 <= most else (first, first)
+    return max(first, int(np.ceil(least / abs(step)))), min(last, int(np.floor(most / abs(step))) + 1)
 
 
 @njit(cache=True, nogil=True)
@@ -119,23 +130,31 @@ def _clear_of(passed: Mask, occupied: Cells, clearance: float, rim: float) -> Ma
     Distances are in cells, between middles: nothing is free within ``clearance``, and nothing within ``rim``
     need have been passed.
     """
-    width, height = passed.shape
-    open_, near = passed.copy(), passed.copy()
-    reach = int(max(clearance, rim))
-    for k in range(len(occupied)):
-        for a in range(-reach, reach + 1):
-            for b in range(-reach, reach + 1):
-                i, j, away = occupied[k, 0] + a, occupied[k, 1] + b, a * a + b * b
-                if 0 <= i < width and 0 <= j < height:
-                    if away <= clearance * clearance:
-                        open_[i, j] = False
-                    if away <= rim * rim:
-                        near[i, j] = True
+    free, told = passed.copy(), passed.copy()
+    _mark(free, occupied, clearance, False)
+    _mark(told, occupied, rim, True)
     clear = np.zeros(passed.shape, dtype=np.bool_)
-    for i in range(1, width - 1):
-        for j in range(1, height - 1):
-            clear[i, j] = open_[i, j] and near[i - 1 : i + 2, j - 1 : j + 2].all()
+    told_beside = np.empty(passed.shape[1], dtype=np.bool_)
+    for i in range(1, passed.shape[0] - 1):
+        before, here, after, row = told[i - 1], told[i], told[i + 1], free[i]
+        for j in range(len(told_beside)):
+            told_beside[j] = before[j] & here[j] & after[j]
+        for j in range(1, len(told_beside) - 1):
+            clear[i, j] = row[j] & told_beside[j - 1] & told_beside[j] & told_beside[j + 1]
     return clear
+
+
+@njit(cache=True, nogil=True)
+def _mark(cells: Mask, middles: Cells, radius: float, mark: bool) -> None:
+    """Marks all cells whose middles lie within a radius of some cells' (N, 2)."""
+    reach = int(radius)
+    for a in range(-reach, reach + 1):
+        half = int(np.sqrt(radius * radius - a * a))
+        for k in range(len(middles)):
+            i = middles[k, 0] + a
+            if 0 <= i < cells.shape[0]:
+                for j in range(max(0, middles[k, 1] - half), min(cells.shape[1], middles[k, 1] + half + 1)):
+                    cells[i, j] = mark
 
 
 @njit(cache=True, nogil=True)

@@ -77,7 +77,8 @@ class FreeSquares:
         x, y, end_x, end_y = self._bounds()
         low_x, low_y = int(x.min()), int(y.min())
         cells = np.zeros((int(end_x.max()) - low_x, int(end_y.max()) - low_y), dtype=np.bool_)
-        for left, low, right, high in np.stack([x, y, end_x, end_y], axis=1) - [low_x, low_y, low_x, low_y]:
+        corners = np.stack([x - low_x, y - low_y, end_x - low_x, end_y - low_y], axis=1)
+        for left, low, right, high in corners.tolist():
             cells[left:right, low:high] = True
         return CellGrid(low_x, low_y, cells)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -16,6 +16,7 @@ from m2t_text.util.types import Floats
 QUERY, HIT, MATCHED = "#1a9641", "#2b6cb0", "#d7301f"
 FIRST, LATER = "#7a8ba0", "#e08214"
 INK, PALE = "#222222", "#d5d9de"
+FREE, FREE_EDGE = "#e6f2ea", "#a9cdb6"
 ARROW = 1.2  # m; length of the arrow that shows a viewing direction
 WALL_RANGE, WALL_CELL = 10.0, 0.1  # m; which hits are drawn, and how far apart
 
@@ -31,11 +32,24 @@ def draw_words(axes: Axes, text: Text, cell: float) -> None:
     axes.scatter(x, y, c=text.wa, cmap="turbo", vmin=0, vmax=WORDS - 1, s=12, lw=0)
 
 
+def draw_free(axes: Axes, text: Text, cell: float, edges: bool = False) -> None:
+    """A text's free squares as pale areas below all else, with the edges of each square or without."""
+    style = {"ec": FREE_EDGE, "lw": 0.4} if edges else {"ec": "none"}
+    axes.add_collection(PolyCollection(list(free_corners(text, cell)), fc=FREE, zorder=0.1, **style))
+
+
+def free_corners(text: Text, cell: float) -> Floats:
+    """(F, 4, 2) the corners of a text's free squares, metres."""
+    x, y, side = (values * cell for values in (text.free.wx, text.free.wy, text.free.size))
+    return np.stack([x, y, x + side, y, x + side, y + side, x, y + side], axis=1).reshape(-1, 4, 2)
+
+
 def draw_match(axes: Axes, query: Text, found: Text, window: int, cell: float) -> int:
     """Both texts and their correspondences; returns how many of the query's keypoints have one."""
     pairs = correspondences(query, found, window)
     ends = np.stack([metres(query, cell)[pairs[:, 0]], metres(found, cell)[pairs[:, 1]]], axis=1)
     axes.add_collection(LineCollection(list(ends), colors=MATCHED, lw=0.6, alpha=0.65, zorder=1))
+    draw_free(axes, found, cell)
     draw_keypoints(axes, found, HIT, cell)
     draw_keypoints(axes, query, QUERY, cell)
     return len(pairs)
@@ -44,6 +58,7 @@ def draw_match(axes: Axes, query: Text, found: Text, window: int, cell: float) -
 def draw_overlap(axes: Axes, query: Text, found: Text, cell: float) -> int:
     """A query laid over a map: the query's keypoints that have one of the map in their cell or the next are
     matched; returns how many."""
+    draw_free(axes, found, cell)
     draw_keypoints(axes, found, HIT, cell)
     draw_keypoints(axes, query, QUERY, cell)
     if not len(query) or not len(found):

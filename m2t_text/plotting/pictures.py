@@ -20,11 +20,13 @@ from m2t_text.errors import M2TError
 from m2t_text.plotting.canvas import (
     ARROW,
     FIRST,
+    FREE_EDGE,
     HIT,
     INK,
     LATER,
     MATCHED,
     QUERY,
+    draw_free,
     draw_keypoints,
     draw_match,
     draw_overlap,
@@ -32,6 +34,7 @@ from m2t_text.plotting.canvas import (
     draw_walls,
     draw_words,
     entitle,
+    free_corners,
     make_metric,
     mark,
     metres,
@@ -80,6 +83,7 @@ def plot_match(
         (4.0 * columns, rows * (3.6 * _aspect(box) + 0.7) + 0.8), layout="compressed", facecolor="white"
     )
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    draw_free(axes[0], query, cell)
     draw_keypoints(axes[0], query, QUERY, cell)
     draw_viewpoint(axes[0], np.zeros(3), QUERY)
     entitle(axes[0], f"query  {short(title)}", f"{len(query)} keypoints")
@@ -101,7 +105,9 @@ def plot_match(
         mark(HIT, "map of the index"),
         mark(MATCHED, "same word within the window", "-") if window > 1 else mark(MATCHED, "both"),
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    if any(len(text.free) for text in (query, *(text for _, text in shown))):
+        marks.append(mark(FREE_EDGE, "seen to be free", "", "s"))
+    figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False, fontsize=9)
     save(figure, path)
 
 
@@ -115,7 +121,7 @@ def _fit(result: Found) -> str:
 
 def plot_document(text: Text, document: Document | None, cell: float, path: Path) -> None:
     """A text: keypoints by appearance word, and of the map that it describes, if there is one, its poses."""
-    places = [metres(text, cell)]
+    places = [metres(text, cell), free_corners(text, cell).reshape(-1, 2)]
     if document is not None:
         to_view = inverse(document.viewpoint)
         centre = transform(to_view, document.centre_of_gravity[None])
@@ -124,8 +130,11 @@ def plot_document(text: Text, document: Document | None, cell: float, path: Path
     width, height = (6.0 / _aspect(box), 6.0) if _aspect(box) > 1 else (6.0, 6.0 * _aspect(box))
     figure = Figure((width + 1.8, height + 1.2), layout="compressed", facecolor="white")
     axes = figure.subplots()
+    draw_free(axes, text, cell, edges=True)
     draw_words(axes, text, cell)
     marks = [mark(INK, "viewpoint and direction")]
+    if len(text.free):
+        marks.append(mark(FREE_EDGE, "free squares", "", "s"))
     if document is not None:
         draw_viewpoint(axes, to_view, LATER)
         axes.plot(*centre[0], "+", ms=13, mew=2, color=MATCHED, zorder=7)
@@ -133,11 +142,12 @@ def plot_document(text: Text, document: Document | None, cell: float, path: Path
     draw_viewpoint(axes, np.zeros(3), INK)
     axes.set(xlim=box[:, 0], ylim=box[:, 1])
     title = short(document.map_id, 60) if document else "text"
-    entitle(axes, title, f"{len(text)} keypoints, {text.words} different words")
+    free = f", {len(text.free)} free squares" if len(text.free) else ""
+    entitle(axes, title, f"{len(text)} keypoints, {text.words} different words{free}")
     make_metric(axes)
     colours = ScalarMappable(Normalize(0, WORDS - 1), "turbo")
     figure.colorbar(colours, ax=axes, label="appearance word $w_a$", shrink=0.7, ticks=[0, 256, 512, 768, 1023])
-    figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     save(figure, path)
 
 

@@ -141,6 +141,7 @@ def inspection(query: Query, cell: float) -> dict[str, Any]:
         "text": str(text),
         "keypoints": len(text),
         "words": text.words,
+        "free_squares": len(text.free),
         "viewpoint": document.viewpoint.tolist() if document else [0.0, 0.0, 0.0],
         "centre_of_gravity": centre.tolist(),
         "points": document.points if document else len(text),

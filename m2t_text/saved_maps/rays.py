@@ -109,6 +109,42 @@ def seen(
 
 
 @njit(cache=True, nogil=True)
+def passed_free(states: States, places: Floats, beams: Beams) -> tuple[NDArray[np.bool_], int, int]:
+    """The free cells that the beams of scans pass before they meet something.
+
+    Args:
+        states: (rows, columns) of a `Grid`.
+        places: (S, 2) column and row of each scan, S >= 1.
+        beams: of each scan.
+
+    Returns:
+        The cells, along columns and then along rows, and the column and the row of the first.
+    """
+    rows, columns = states.shape
+    left = max(0, int(places[:, 0].min() - beams.reach))
+    low = max(0, int(places[:, 1].min() - beams.reach))
+    width = min(columns, int(places[:, 0].max() + beams.reach) + 1) - left
+    height = min(rows, int(places[:, 1].max() + beams.reach) + 1) - low
+    passed = np.zeros((width, height), dtype=np.bool_)
+    for k in range(len(places)):
+        for angle in beams.angles:
+            across, down = _begin(places[k, 0], math.cos(angle)), _begin(places[k, 1], math.sin(angle))
+            gone, dark = 0.0, 0.0
+            while gone <= beams.reach and dark <= beams.veil:
+                i, j = across.cell - left, down.cell - low
+                if not (0 <= i < width and 0 <= j < height) or states[down.cell, across.cell] == OCCUPIED:
+                    break
+                leave = min(across.border, down.border)
+                if states[down.cell, across.cell] == UNKNOWN:
+                    dark += leave - gone
+                else:
+                    passed[i, j] = True
+                gone = leave
+                across, down = _next(across, down)
+    return passed, left, low
+
+
+@njit(cache=True, nogil=True)
 def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
     """(N, 2) columns and rows: of each square of ``side`` x ``side`` cells its place, if any cell is allowed.
 

@@ -16,10 +16,11 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
 from m2t_text.config import MappingParameters
+from m2t_text.description.free_cells import FreeSpace
 from m2t_text.mapping.local_map import LocalMap, occupied
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
-from m2t_text.saved_maps.rays import Beams, nearest_open, seen
-from m2t_text.util.geometry import compose, inverse, transform
+from m2t_text.saved_maps.rays import Beams, nearest_open, passed_free, seen
+from m2t_text.util.geometry import between, compose, inverse, transform
 from m2t_text.util.types import Floats, Progress
 
 SPACING = 0.7  # m between the places
@@ -97,17 +98,30 @@ class Sampler:
 
         The points (N, 2) are where beams meet walls.
         """
-        units = np.array([self.grid.resolution, self.grid.resolution, 1.0])
-        field, run = (2 * pi, 0.0) if around else (AHEAD, self.parameters.run_length)
-        beams = Beams(
-            angles=pose[2] + np.arange(-field / 2, field / 2, BEAM),
+        resolution = self.grid.resolution
+        run = 0.0 if around else self.parameters.run_length
+        begin = pose / np.array([resolution, resolution, 1.0])
+        beams = self._beams(pose[2], around)
+        met, scans = seen(self.grid.states, self.open, begin, beams, int(run / STEP), STEP / resolution)
+        poses = np.arange(scans)[:, None] * np.array([STEP, 0.0, 0.0])
+        return transform(inverse(pose), met * resolution), poses
+
+    def free(self, pose: Floats, around: bool, poses: Floats) -> FreeSpace:
+        """What is free on a view whose scans have the ``poses`` (S, 3), in the robot's frame at its begin."""
+        resolution = self.grid.resolution
+        places = transform(pose, poses[:, :2]) / resolution
+        cells, column, row = passed_free(self.grid.states, places, self._beams(pose[2], around))
+        corner = np.array([column * resolution, row * resolution, 0.0])
+        return FreeSpace(cells, between(pose, corner), resolution)
+
+    def _beams(self, heading: float, around: bool) -> Beams:
+        """The beams of each scan of a view, in units of the grid's cells."""
+        field = 2 * pi if around else AHEAD
+        return Beams(
+            angles=heading + np.arange(-field / 2, field / 2, BEAM),
             reach=self.parameters.range_limit / self.grid.resolution,
             veil=VEIL / self.grid.resolution,
         )
-        step = STEP / self.grid.resolution
-        met, scans = seen(self.grid.states, self.open, pose / units, beams, int(run / STEP), step)
-        poses = np.arange(scans)[:, None] * np.array([STEP, 0.0, 0.0])
-        return transform(inverse(pose), met * self.grid.resolution), poses
 
     def local_map(self, number: int, pose: Floats, around: bool) -> LocalMap:
         """A view as a local map. It has a number instead of scans, and nobody travelled."""
@@ -120,6 +134,7 @@ class Sampler:
             last_scan=number,
             travel=np.zeros(2),
             pose=compose(self.grid.origin, pose),
+            free=self.free(pose, around, poses),
         )
 
     def cells(self, pose: Floats, around: bool) -> Cells:

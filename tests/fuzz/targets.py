@@ -165,7 +165,8 @@ def logs_here(folder: Path) -> Seeds:
 
 
 def texts(folder: Path) -> Seeds:
-    return {"map": str(maps(5, "a")[-1].text).encode(), "broken": b"x0_y-3_a5 x1_y1_a1024"}
+    free = b"x0_y-3_a5 x7_y7_a5 x-40_y2_f12 x8_y-4_f4"
+    return {"map": str(maps(5, "a")[-1].text).encode(), "broken": b"x0_y-3_a5 x1_y1_a1024", "free": free}
 
 
 def filters(folder: Path) -> Seeds:

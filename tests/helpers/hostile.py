@@ -354,6 +354,29 @@ def words_that_do_not_ascend(path: Path, canary: Path) -> None:
 
 
 @attack
+def free_squares_that_are_too_small(path: Path, canary: Path) -> None:
+    """Their sides are kept as words are: 3 cells."""
+    reassemble(
+        path, {"text": lambda data: of_squares(data, lambda part: rerun(part, lambda runs: runs % 64 + 192))}
+    )
+
+
+@attack
+def free_squares_that_are_not_there(path: Path, canary: Path) -> None:
+    reassemble(path, {"text": lambda data: of_squares(data, lambda part: reheaded(part, keypoints=1 << 40))})
+
+
+@attack
+def free_squares_of_other_maps(path: Path, canary: Path) -> None:
+    reassemble(path, {"text": lambda data: of_squares(data, lambda part: recounted(part, KEYPOINTS, 1))})
+
+
+@attack
+def no_free_squares_at_all(path: Path, canary: Path) -> None:
+    reassemble(path, {"text": lambda data: of_squares(data, lambda part: b"")})
+
+
+@attack
 def a_record_that_is_no_number(path: Path, canary: Path) -> None:
     reassemble(path, {"record": lambda data: data[:16] + struct.pack("<d", float("nan")) + data[24:]})
 
@@ -514,6 +537,13 @@ def scrambled(data: bytes, seed: int) -> bytes:
         made += data[:begin] + rng.bytes(size)
         data = data[begin + size :]
     return made
+
+
+def of_squares(data: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    """A column of texts with another part of free squares."""
+    head = np.frombuffer(data, HEADER, 1)[0]
+    begin = HEADER.itemsize + counts_of(data).nbytes + 2 * int(head["keypoints"] + head["runs"] + head["wide"])
+    return data[:begin] + change(data[begin:])
 
 
 def recounted_as(data: bytes, counts: Any) -> bytes:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
+from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text
 from m2t_text.errors import M2TError
 from m2t_text.index.results import Hit
@@ -153,3 +154,26 @@ def test_a_query_is_laid_on_a_hit_in_the_cells_of_its_index(tmp_path: Path, cell
         found = Found(Hit(document(), 0.5, 4, laid))
         pictures.plot_match(query, "query", [(found, SQUARE)], parameters, tmp_path / "match.png")
     assert str(drawn[0]) == str(SQUARE)
+
+
+def test_free_squares_are_drawn_where_they_lie() -> None:
+    text = Text.of([0], [0], [5], FreeSquares.of([10, -20], [-4, 6], [6, 4]))
+    corners = canvas.free_corners(text, 0.5)
+    assert corners[1].tolist() == [
+        [5.0, -2.0],
+        [8.0, -2.0],
+        [8.0, 1.0],
+        [5.0, 1.0],
+    ]  # the larger
+    axes = Figure().subplots()
+    canvas.draw_free(axes, text, 0.5)
+    (drawn,) = axes.collections
+    assert [path.vertices[:4].tolist() for path in drawn.get_paths()] == corners.tolist()
+
+
+@pytest.mark.parametrize("free", [FreeSquares.of([], [], []), FreeSquares.of([20, -2000], [4, 5], [9, 1000])])
+def test_a_text_is_drawn_with_what_is_free_in_it(tmp_path: Path, free: FreeSquares) -> None:
+    text = replace(SQUARE, free=free)
+    pictures.plot_document(text, document(text=text), 0.1, tmp_path / "map.png")
+    pictures.plot_match(text, "query", hits(2, text=text), PARAMETERS, tmp_path / "match.png")
+    assert all((tmp_path / name).stat().st_size > 1000 for name in ("match.png", "map.png"))

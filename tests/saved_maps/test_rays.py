@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, States
-from m2t_text.saved_maps.rays import Beams, add_along, cast, nearest_open, seen
+from m2t_text.saved_maps.rays import Beams, add_along, cast, nearest_open, passed_free, seen
 
 CORRIDOR = drawn(
     "########",
@@ -143,3 +143,29 @@ def test_beams_pass_the_cells_before_their_last(x: float, y: float, to_x: float,
             )
             < 0.02
         )
+
+
+def test_beams_pass_free_cells_up_to_what_they_meet() -> None:
+    ahead = Beams(np.array([0.0]), 9.0, 2.0)
+    cells, column, row = passed_free(CORRIDOR, np.array([[1.5, 1.5]]), ahead)
+    found = {(i + column, j + row) for i, j in np.argwhere(cells).tolist()}
+    assert found == {(1, 1), (2, 1), (4, 1), (5, 1), (6, 1)}  # the one in the middle is unknown
+    short = Beams(np.array([0.0, math.pi]), 9.0, 0.5)
+    cells, column, row = passed_free(CORRIDOR, np.array([[2.5, 1.5], [1.5, 1.5]]), short)
+    assert {(i + column, j + row) for i, j in np.argwhere(cells).tolist()} == {(1, 1), (2, 1)}
+
+
+@given(st.floats(0.1, 7.9), st.floats(0.1, 7.9), st.floats(-4, 4), st.integers(0, 2**32))
+@settings(max_examples=60)
+def test_passed_cells_are_those_of_tiny_steps(x: float, y: float, angle: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    states = rng.choice(np.array([FREE] * 8 + [OCCUPIED, UNKNOWN], dtype=np.int8), (8, 8))
+    cells, column, row = passed_free(states, np.array([[x, y]]), Beams(np.array([angle]), 6.0, 9.0))
+    found = {(i + column, j + row) for i, j in np.argwhere(cells).tolist()}
+    slow = set()
+    for i, j, _ in slow_cells(x, y, angle, 6.0):
+        if not (0 <= i < 8 and 0 <= j < 8) or states[j, i] == OCCUPIED:
+            break
+        slow |= {(i, j)} if states[j, i] == FREE else set()
+    assert slow <= found and len(found - slow) <= 2  # tiny steps may miss the corner of a cell
+    assert all(states[j, i] == FREE for i, j in found)

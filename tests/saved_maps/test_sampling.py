@@ -13,6 +13,7 @@ from m2t_text.logs.building import box
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.raycast import cast
 from m2t_text.mapping.local_map import LocalMap
+from m2t_text.pipeline import describe
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from m2t_text.saved_maps.occupancy_mapping import draw_map
 from m2t_text.saved_maps.sampling import ALIKE, CLEARANCE, NEAR, Sampler, distinct_views
@@ -167,3 +168,34 @@ def test_a_beam_through_what_moved_away_clears_it() -> None:
     assert np.hypot(*grid.centres(OCCUPIED).T).min() > 2.9
     only = draw_map(Log("x", (person, wall)), np.zeros((2, 3)), np.arange(2))
     assert np.hypot(*only.centres(OCCUPIED).T).min() < 1.1
+
+
+def test_a_view_knows_what_is_free_in_it() -> None:
+    """A room with an unknown corner: its free cells lie within it, and none where it is unknown or occupied."""
+    grid = room(6.0, 4.0, origin=(1.0, 2.0, 0.7))
+    grid.states[1:31, 1:31] = UNKNOWN  # 1.5 m of it
+    counts = []
+    for one in sampled(grid):
+        assert one.free is not None
+        places = np.argwhere(one.free.cells) + 0.5
+        states = grid.to_cells(transform(one.pose, transform(one.free.pose, places * one.free.cell)))
+        columns, rows = np.floor(states).astype(int).T
+        assert len(places) and (grid.states[rows, columns] == FREE).all()
+        document = describe(one, "room", DEFAULT)
+        covered = document.text.free
+        middles = (np.argwhere(covered.grid.cells) + [covered.grid.x, covered.grid.y] + 0.5) * 0.1
+        columns, rows = (
+            np.floor(grid.to_cells(transform(compose(one.pose, document.viewpoint), middles))).astype(int).T
+        )
+        assert (grid.states[rows, columns] == FREE).all()
+        counts.append(len(middles))
+    assert max(counts) > 1000 and np.median(counts) > 100  # some views see hardly a square metre
+
+
+def test_a_view_ahead_knows_nothing_of_what_lies_behind() -> None:
+    sampler = Sampler.of(room(6.0, 4.0), DEFAULT.mapping)
+    for around in (False, True):
+        free = sampler.local_map(7, np.array([3.0, 2.0, 0.0]), around).free
+        assert free is not None
+        behind = transform(free.pose, (np.argwhere(free.cells) + 0.5) * free.cell)[:, 0] < -0.1
+        assert behind.any() == around

@@ -50,15 +50,16 @@ class Comparison:
 def compare(query: Text, found: Text, cell: float, alignment: Alignment | None = None) -> Comparison:
     """The query laid on another map, at an ``alignment`` that is known or else where it fits best."""
     laid = alignment or align(query, [found], cell)[0]
-    here = _judged(transform(laid.pose, query.positions() * cell), query, found.positions() * cell, found)
+    here = _judged(transform(laid.pose, query.positions() * cell), query, found.positions() * cell, found, cell)
     back = inverse(laid.pose)
-    there = _judged(transform(back, found.positions() * cell), found, query.positions() * cell, query)
+    there = _judged(transform(back, found.positions() * cell), found, query.positions() * cell, query, cell)
     return Comparison(laid, here, there)
 
 
-def _judged(points: Floats, text: Text, others: Floats, other: Text) -> NDArray[np.uint8]:
-    """What becomes of the keypoints of a text, laid at ``points`` (N, 2) in the frame of the ``other``."""
+def _judged(points: Floats, text: Text, others: Floats, other: Text, cell: float) -> NDArray[np.uint8]:
+    """What becomes of the keypoints of a text, laid at ``points`` (N, 2) in the other's frame; metres."""
     judged = np.full(len(points), ALONE, dtype=np.uint8)
+    judged[other.free.covers(points / cell)] = CONFLICTS
     if not len(points) or not len(others):
         return judged
     apart = 1.0 + INLIER  # metres on a third axis, so that only equal words are in reach

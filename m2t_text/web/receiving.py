@@ -18,7 +18,7 @@ from m2t_text.web.replay import Drive, IndexedDrive, UploadedDrive, looked_up, p
 from m2t_text.web.served import Committed
 from m2t_text.web.site import Site
 from m2t_text.web.uploads import BYTES, Upload
-from m2t_text.web.walls import drawn
+from m2t_text.web.walls import walls_and_places
 
 
 class Receiving:
@@ -72,7 +72,7 @@ class Receiving:
         """What the maps of an upload saw, as `walls` gives it, and where they begin."""
         upload = self._site.uploads.get(request.path_params["id"])
         parameters = await self._site.read(lambda: self._site.parameters(request.query_params.get("index")))
-        data = await self._site.read(lambda: drawn(upload.documents, parameters.mapping.cell))
+        data = await self._site.read(lambda: walls_and_places(list(upload.documents), parameters.mapping.cell))
         return Response(data, media_type="application/octet-stream")
 
     async def add_upload(self, request: Request) -> Response:

@@ -90,6 +90,7 @@ def told(number: int, document: Document, found: Answer, upload: str | None) -> 
         "query": name,
         "travel": document.travel.tolist(),
         "own_pose": document.pose.tolist(),
+        "text": str(document.text),
         "answer": found.to_json(),
     }
 

@@ -1,4 +1,4 @@
-"""The walls of a building, as a sample of a dataset's maps saw them."""
+"""The walls of a building and its floor, as a sample of a dataset's maps saw them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,40 +18,53 @@ MOST = 600  # maps of a dataset in the sample, evenly chosen
 CELLS = 200_000  # drawn of a dataset; where there are more, cells of twice the size are drawn
 SPAN = 1 << 16  # cells from one end of a building to the other, at most
 SEEN = 255  # maps that saw one cell, at most
+FLOOR = 2  # cells; the floor is drawn in coarser ones
+
+Columns = dict[str, NDArray[Any]]
 
 
 def walls_of(index: MapIndex, overview: Overview, part: slice) -> Bytes:
-    """The occupied cells of one dataset: columns ``x`` and ``y`` from the ``origin`` on, in cells of the size
-    ``cell`` (metres), and ``seen``, how many maps of the sample have each."""
+    """What one dataset saw; see `drawn`."""
     chosen = overview.numbers[part][sample(overview.records["travel"][part, 0])]
-    cell = index.parameters.mapping.cell
-    points = [placed(document, cell) for document in index.numbered(chosen.tolist())]
-    origin, cells, seen, cell = gathered(points, cell)
-    columns: dict[str, NDArray[Any]] = {
-        "x": cells[:, 0].astype(np.uint16),
-        "y": cells[:, 1].astype(np.uint16),
-        "seen": np.minimum(seen, SEEN).astype(np.uint8),
-    }
-    return pack({"cell": cell, "origin": origin.tolist(), "maps": len(points)}, columns)
+    header, columns = drawn(list(index.numbered(chosen.tolist())), index.parameters.mapping.cell)
+    return pack(header, columns)
 
 
-def drawn(documents: Sequence[Document], cell: float) -> Bytes:
-    """The same of maps that are not in an index, and where they begin: columns ``place_x``, ``place_y``,
+def walls_and_places(documents: Sequence[Document], cell: float) -> Bytes:
+    """What maps that are not in an index saw, and where they begin: columns ``place_x``, ``place_y``,
     ``place_theta``, ``travel`` and ``first_scan``."""
-    documents = list(documents)  # more may come meanwhile
-    origin, cells, seen, side = gathered([placed(document, cell) for document in documents[::2]], cell)
+    header, columns = drawn(documents[::2], cell)
     poses = np.array([document.pose for document in documents], dtype=np.float32).reshape(-1, 3)
-    columns: dict[str, NDArray[Any]] = {
-        "x": cells[:, 0].astype(np.uint16),
-        "y": cells[:, 1].astype(np.uint16),
-        "seen": np.minimum(seen, SEEN).astype(np.uint8),
+    columns |= {
         "place_x": poses[:, 0].copy(),
         "place_y": poses[:, 1].copy(),
         "place_theta": poses[:, 2].copy(),
         "travel": np.array([document.travel[0] for document in documents], dtype=np.float32),
         "first_scan": np.array([document.first_scan for document in documents], dtype=np.uint32),
     }
-    return pack({"cell": side, "origin": origin.tolist(), "maps": len(documents)}, columns)
+    return pack(header | {"maps": len(documents)}, columns)
+
+
+def drawn(documents: Sequence[Document], cell: float) -> tuple[dict[str, Any], Columns]:
+    """Occupied cells and free ones, counted from an ``origin`` (metres, in the frame of the dataset).
+
+    Columns are ``x``, ``y`` and ``seen``, how many maps have each occupied cell, which is of the size ``cell``
+    (metres); and ``floor_x`` and ``floor_y`` of free cells of the size ``floor_cell``.
+    """
+    walls = [placed(document, document.text.positions() * cell) for document in documents]
+    floors = [placed(document, _floor(document) * cell) for document in documents]
+    points = np.concatenate([np.zeros((0, 2)), *walls, *floors])
+    origin = np.floor(points.min(axis=0) / cell) * cell if len(points) else np.zeros(2)
+    cells, seen, side = gathered([one - origin for one in walls], cell)
+    free, _, free_side = gathered([one - origin for one in floors], FLOOR * cell)
+    header = {"cell": side, "floor_cell": free_side, "origin": origin.tolist(), "maps": len(documents)}
+    return header, {
+        "x": cells[:, 0].astype(np.uint16),
+        "y": cells[:, 1].astype(np.uint16),
+        "seen": np.minimum(seen, SEEN).astype(np.uint8),
+        "floor_x": free[:, 0].astype(np.uint16),
+        "floor_y": free[:, 1].astype(np.uint16),
+    }
 
 
 def sample(travel: Floats) -> NDArray[np.int64]:
@@ -63,25 +76,29 @@ def sample(travel: Floats) -> NDArray[np.int64]:
     return first[np.linspace(0, len(first) - 1, MOST).astype(np.int64)]
 
 
-def placed(document: Document, cell: float) -> Floats:
-    """(N, 2) a map's keypoints in the frame of its dataset, metres."""
-    return transform(compose(document.pose, document.viewpoint), document.text.positions() * cell)
+def placed(document: Document, points: Floats) -> Floats:
+    """Points (N, 2) of a map, metres in the frame of its viewpoint, in the frame of its dataset."""
+    return transform(compose(document.pose, document.viewpoint), points)
 
 
-def gathered(maps: list[Floats], cell: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], float]:
-    """The cells (N, 2) that hold points of any map, counted from an origin (2,) in metres; how many maps have
-    points in each (N,); and the side of a cell, a multiple of ``cell`` at which they are not too many."""
-    if not sum(map(len, maps)):
-        return np.zeros(2), np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64), cell
-    everything = np.concatenate(maps)
-    origin = np.floor(everything.min(axis=0) / cell) * cell
-    span = float((everything.max(axis=0) - origin).max())
+def _floor(document: Document) -> Floats:
+    """(N, 2) middles of free cells of a map, every second in x and in y, in units of cells."""
+    grid = document.text.free.grid
+    cells = np.argwhere(grid.cells[::FLOOR, ::FLOOR]) * FLOOR
+    return cells + np.array([grid.x + 0.5, grid.y + 0.5])
+
+
+def gathered(maps: Sequence[Floats], cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:
+    """The cells (N, 2) that hold points of any map, none of them below 0; how many maps have points in each
+    (N,); and the side of a cell, a multiple of ``cell`` at which they are not too many."""
+    span = max((float(points.max()) for points in maps if len(points)), default=0.0)
     while True:
         if span / cell < SPAN - 1:
-            each = [np.unique(_numbers(points - origin, cell)) for points in maps]
-            numbers, seen = np.unique(np.concatenate(each), return_counts=True)
+            each = [np.unique(_numbers(points, cell)) for points in maps]
+            everything = np.concatenate([np.zeros(0, dtype=np.int64), *each])
+            numbers, seen = np.unique(everything, return_counts=True)
             if len(numbers) <= CELLS:
-                return origin, np.stack(np.divmod(numbers, SPAN), axis=1), seen, cell
+                return np.stack(np.divmod(numbers, SPAN), axis=1), seen, cell
         cell *= 2
 
 

@@ -16,6 +16,7 @@ export class Building {
     this.picked = picked;
     this.frames = []; // {name, begin, end, box, x, y: where its frame lies, hidden, walls: [levels]}
     this.marks = {};
+    this.over = this.cursor = -1;
     this.view = { x: 0, y: 0, scale: 20 };
     this.frameTimes = [];
     this.surface = new Surface(canvas, (context, resized) => this.paint(context, resized));
@@ -25,9 +26,12 @@ export class Building {
 
   // Places as `/api/places` gives them.
   setPlaces(places) {
-    const walls = new Map(this.frames.map((frame) => [frame.name, frame.walls]));
+    const before = new Map(this.frames.map((frame) => [frame.name, frame]));
     this.places = places;
-    this.frames = places.datasets.map((dataset) => ({ ...dataset, walls: walls.get(dataset.name) || null }));
+    this.frames = places.datasets.map((dataset) => {
+      const { walls = null, floor = null, hidden = false } = before.get(dataset.name) || {};
+      return { ...dataset, walls, floor, hidden };
+    });
     this.wx = new Float32Array(places.maps);
     this.wy = new Float32Array(places.maps);
     this.dim = new Uint8Array(places.maps);
@@ -65,6 +69,8 @@ export class Building {
     const frame = this.all().find((one) => one.name === name);
     if (!frame) return;
     frame.walls = [walls];
+    frame.floor = [{ x: walls.floor_x, y: walls.floor_y, seen: new Uint8Array(walls.floor_x.length).fill(1), cell: walls.floor_cell, origin: walls.origin }];
+    while (frame.floor.length < 5 && frame.floor.at(-1).x.length > 400) frame.floor.push(coarser(frame.floor.at(-1)));
     while (frame.walls.length < 6 && frame.walls.at(-1).x.length > 400) frame.walls.push(coarser(frame.walls.at(-1)));
     this.surface.redraw();
   }
@@ -208,7 +214,8 @@ export class Building {
     }
     this.shades ||= this.mix();
     this.pixels.fill(this.shades.ground);
-    for (const frame of this.all()) if (!frame.hidden && frame.walls) this.paintWalls(frame);
+    for (const frame of this.all()) if (!frame.hidden && frame.floor) this.paintCells(frame, frame.floor, this.shades.floor);
+    for (const frame of this.all()) if (!frame.hidden && frame.walls) this.paintCells(frame, frame.walls, this.shades.walls);
     for (const frame of this.frames) if (!frame.hidden) this.paintPlaces(frame);
     context.putImageData(this.image, 0, 0);
     drawMarks(this, context);
@@ -220,23 +227,23 @@ export class Building {
   mix() {
     const walls = [...Array(SHADES).keys()].map((k) => pixel(colour["wall-pale"], colour.wall, Math.min(1, k / 4)));
     return {
-      ground: pixel(colour.bg, colour.bg, 0), walls, place: pixel(colour.place, colour.place, 0),
+      ground: pixel(colour.bg, colour.bg, 0), walls, floor: Array(SHADES).fill(pixel(colour.floor, colour.floor, 0)), place: pixel(colour.place, colour.place, 0),
       pale: pixel(colour.bg, colour.place, 0.35), found: pixel(colour.find, colour.find, 0),
     };
   }
 
-  paintWalls(frame) {
+  paintCells(frame, levels, shades) {
     const { ratio } = this.surface, scale = this.view.scale * ratio;
-    const level = frame.walls.find((one) => one.cell * scale >= 0.8) || frame.walls.at(-1);
+    const level = levels.find((one) => one.cell * scale >= 0.8) || levels.at(-1);
     const { x, y, seen, cell, origin } = level;
-    const { width, height } = this.canvas, { pixels } = this, { walls } = this.shades;
+    const { width, height } = this.canvas, { pixels } = this;
     const step = cell * scale, side = Math.max(1, Math.ceil(step - 0.01));
     const left = width / 2 + (origin[0] + frame.x - this.view.x) * scale;
     const top = height / 2 - (origin[1] + frame.y - this.view.y) * scale - side;
     for (let k = 0; k < x.length; k++) {
       const px = (left + x[k] * step) | 0, py = (top - y[k] * step) | 0;
       if (px < 0 || py < 0 || px + side > width || py + side > height) continue;
-      const shade = walls[seen[k] < SHADES ? seen[k] - 1 : SHADES - 1];
+      const shade = shades[seen[k] < SHADES ? seen[k] - 1 : SHADES - 1];
       if (side === 1) pixels[py * width + px] = shade;
       else for (let row = py; row < py + side; row++) pixels.fill(shade, row * width + px, row * width + px + side);
     }

@@ -25,6 +25,15 @@ export const percent = (share) => `${Math.round(share * 100)} %`;
 export const metres = (value) => `${value.toFixed(2)} m`;
 export const thousands = (count) => count.toLocaleString("en");
 
+// Entries of a legend: [name of a colour, what it stands for]; conflicts are crosses.
+export function legend(rows) {
+  return rows.map(([name, text]) => {
+    const dot = make("i", { class: name === "conflict" ? "cross" : null });
+    if (name !== "conflict") dot.style.background = `var(--${name})`;
+    return make("li", {}, dot, text);
+  });
+}
+
 // A bar for each share of 0 to 1: [name, share or null, shown, whether much of it is bad].
 export function parts(rows) {
   return rows.filter((row) => row[1] !== null && row[1] !== undefined).flatMap(([name, share, shown, bad]) => {

@@ -1,6 +1,6 @@
 // The best hits, each with the query laid on it, and the table of all.
 
-import { by, fill, link, make, parts, percent, thousands } from "./elements.js";
+import { by, fill, legend, link, make, parts, percent, thousands } from "./elements.js";
 import { degrees } from "./geometry.js";
 import { MapView } from "./mapview.js";
 import { parse } from "./text.js";
@@ -11,9 +11,11 @@ export class Hits {
     this.open = open;
     this.compare = compare;
     this.cards = [];
+    fill(by("hit-legend"), legend([["shared", "the same word at the same spot"], ["query", "query"], ["hit", "hit"], ["conflict", "where the other map was seen to be free"]]));
   }
 
   clear() {
+    by("hit-legend").hidden = true;
     fill(by("hits"));
     by("all-hits").hidden = true;
     this.cards = [];
@@ -22,6 +24,7 @@ export class Hits {
   set(answer, query, cell) {
     const text = parse(query.text);
     const laid = answer.comparisons || [];
+    by("hit-legend").hidden = !laid.length;
     while (this.cards.length < laid.length) this.cards.push(this.card());
     this.cards.length = laid.length;
     fill(by("hits"), this.cards.map((card) => card.element));

@@ -4,7 +4,7 @@ import { shown, show, whenShown } from "./address.js";
 import { ask, columns, json } from "./api.js";
 import { Building } from "./building.js";
 import { Compare } from "./compare.js";
-import { by, fill, make, say, thousands } from "./elements.js";
+import { by, fill, legend, make, say, thousands } from "./elements.js";
 import { inverse, compose } from "./geometry.js";
 import { Hits } from "./hits.js";
 import { QueryPanel } from "./query.js";
@@ -158,11 +158,7 @@ class Page {
         make("code", {}, `m2t-text index robot.log --index ${info.path}`),
         make("span", {}, info.server.writable ? "Or drop a log here, and add it." : "A log that is dropped here can be looked at, not added: the server was started without --write."));
     }
-    fill(by("legend"), (info.maps ? [["place", "a map begins"], ["query", "query"], ["hit", "hit"], ["rival", "rival"]] : []).map(([name, text]) => {
-      const dot = make("i");
-      dot.style.background = `var(--${name})`;
-      return make("li", {}, dot, text);
-    }));
+    fill(by("legend"), info.maps ? legend([["place", "a map begins"], ["find", "has the tokens"], ["query", "query"], ["hit", "hit"], ["rival", "rival"]]) : []);
     if (!info.maps) this.query.clear("");
   }
 
@@ -227,11 +223,18 @@ class Page {
       this.building.filter(from, to, told.places);
       const note = `${thousands(told.total)} of ${thousands(this.info.maps)} maps have ${now.where}`;
       say(note);
-      if (!now.q) this.query.clear(`${note}. Click on one to see where.`);
+      if (!now.q) await this.listMatching(now, note);
     } catch (error) {
       this.building.filter(from, to, null);
       if (error.lost) this.lost(error); else this.query.clear(error.message);
     }
+  }
+
+  // Some of the maps that a filter finds, to look at.
+  async listMatching(now, note) {
+    const { maps } = await json("/api/maps", { where: now.where, limit: 200, index: this.index });
+    const some = maps.filter((map, k) => k % Math.max(1, Math.floor(maps.length / 6)) === 0).slice(0, 6);
+    this.query.clear(`${note}.`, some.map((map) => [map.map_id, `after ${map.travel[0].toFixed(1)} m`, () => show({ q: map.map_id })]));
   }
 
   where(now) {
@@ -246,7 +249,7 @@ class Page {
       this.hits.clear();
       this.building.mark({ query: null, hits: [], rival: null, pose: null });
       by("same").hidden = true;
-      if (!now.where && this.info.maps) this.query.clear("Click on a place of the building, or type one above.");
+      if (!now.where && this.info.maps) this.idle();
       return;
     }
     const asking = this.asking = new AbortController();
@@ -266,6 +269,19 @@ class Page {
       this.query.clear(error.message);
       by("same").hidden = true;
     } finally { clearTimeout(slow); }
+  }
+
+  // What could be looked up, where nothing is.
+  idle() {
+    const { building, info } = this, { places } = building;
+    const some = building.placeId(Math.floor(places.maps * 0.4)), driven = info.datasets.find((one) => one.travel > 0);
+    const tries = [[some, "a place: its text, and the maps that show it, too", () => show({ q: some })]];
+    if (driven) {
+      tries.push([`${driven.name}@${(driven.travel * 0.4).toFixed(0)}`, "where a drive was after so many metres", () => show({ q: `${driven.name}@${(driven.travel * 0.4).toFixed(0)}` })]);
+      tries.push(["x12_y-3_a16", "a token: all places that have this word near this spot", () => show({ where: "x12_y-3_a16" })]);
+      tries.push([`▶ ${driven.name}`, "a drive, recognised as it went", () => show({ drive: driven.name })]);
+    }
+    this.query.clear("Click on a place of the building, or try", tries);
   }
 
   travels(name) {

@@ -32,7 +32,8 @@ export class QueryPanel {
   }
 
   // A map as `/api/maps/ID` gives it; `where` may hold typed tokens, which are shown where they are found.
-  set(map, info, where) {
+  set(map, info, where, moving = false) {
+    document.querySelector(".query").classList.remove("idle");
     this.info = info;
     this.text = parse(map.text);
     this.map = map;
@@ -41,6 +42,7 @@ export class QueryPanel {
     this.view.found = where ? foundBy(this.text.keypoints, where, matching.window) : new Set();
     this.status = null;
     this.draw(mapping.cell);
+    if (moving) { this.spans = []; by("query-note").textContent = map.map_id; fill(by("tokens")); return; }
     const travel = map.travel ? `, ${map.travel[0].toFixed(1)}–${map.travel[1].toFixed(1)} m` : "";
     const free = this.text.squares.length ? `, ${this.text.squares.length} free squares` : "";
     by("query-note").textContent = `${map.map_id || "text"}${travel}: ${map.keypoints} keypoints, ${map.words} words${free}`;
@@ -93,13 +95,16 @@ export class QueryPanel {
     if (scroll) by("tokens").scrollTop = span.offsetTop - by("tokens").offsetTop - 40;
   }
 
-  clear(note) {
+  // Nothing is looked up: what could be. `tries` are [text, explanation, what a click does].
+  clear(note, tries = []) {
+    document.querySelector(".query").classList.add("idle");
     this.text = null;
     this.lit = null;
     this.view.set([], 0.1);
     this.view.layers = [];
     fill(by("tokens"));
-    fill(by("verdict"));
+    const items = tries.map(([text, why, act]) => make("li", {}, link(text, act), make("small", {}, why)));
+    fill(by("verdict"), items.length ? make("ul", { class: "try" }, items) : null);
     by("query-note").textContent = note;
     by("token-note").textContent = NOTE;
   }
@@ -107,7 +112,7 @@ export class QueryPanel {
   busy(note) { fill(by("verdict"), make("p", {}, note)); }
 
   // An answer of `/api/search`; `open` is called with the id of a map that is clicked on.
-  setVerdict(answer, open) {
+  setVerdict(answer, open, moving = false) {
     const { verdict, probability, reason } = answer, best = answer.results[0];
     const badge = make("span", { class: `badge ${verdict}` }, `${SIGNS[verdict]} ${verdict}`);
     const odds = typeof probability === "number"
@@ -122,7 +127,7 @@ export class QueryPanel {
         `pose in ${best.dataset}: ${x.toFixed(2)} ${y.toFixed(2)} m, ${degrees(theta)}°${sure}`));
     }
     const { search, verify } = answer.seconds;
-    lines.push(make("p", { class: "note" },
+    if (!moving) lines.push(make("p", { class: "note" },
       `among ${answer.index.maps.toLocaleString("en")} maps: searched in ${Math.round(search * 1000)} ms, verified in ${Math.round(verify * 1000)} ms`));
     fill(by("verdict"), badge, odds, lines);
   }

@@ -16,7 +16,7 @@ export class Replay {
     this.at = -1;
     this.track = new Surface(by("track"), (context) => this.paint(context));
     whenThemed(() => this.track.redraw());
-    by("play").addEventListener("click", () => this.play(!this.playing));
+    by("play").addEventListener("click", () => this.toggle());
     by("step-back").addEventListener("click", () => { this.play(false); this.go(this.at - 1); });
     by("step-on").addEventListener("click", () => { this.play(false); this.go(this.at + 1); });
     by("replay-close").addEventListener("click", () => show({ drive: null, at: null }));
@@ -30,7 +30,7 @@ export class Replay {
     by("track").addEventListener("pointermove", (event) => { if (event.buttons) scrub(event); });
     by("track").addEventListener("keydown", (event) => {
       const steps = { ArrowLeft: -1, ArrowRight: 1, PageUp: 10, PageDown: -10, Home: -1e9, End: 1e9 };
-      if (event.key === " ") this.play(!this.playing);
+      if (event.key === " ") this.toggle();
       else if (steps[event.key]) { this.play(false); this.go(this.at + steps[event.key]); } else return;
       event.preventDefault();
     });
@@ -56,11 +56,19 @@ export class Replay {
     const source = this.source = new EventSource(address);
     const on = (kind, act) => source.addEventListener(kind, (event) => { if (source === this.source) act(JSON.parse(event.data)); });
     on("begin", ({ total }) => { this.known = total; });
+    if (!this.isUpload) this.focus([drive]);
     on("progress", (upload) => this.reading(upload));
     on("place", (place) => this.arrived(place));
     on("end", (upload) => this.ended(upload));
     source.onerror = () => { if (source.readyState === EventSource.CLOSED && source === this.source) this.failed("This drive is not there any more; drop it again."); };
     this.play(shown().at === undefined);
+  }
+
+  // Brings the drive into view, unless the building was moved by hand.
+  focus(names) {
+    const { building } = this.page;
+    if (building.moved) return;
+    building.focus(names);
   }
 
   close() {
@@ -130,6 +138,8 @@ export class Replay {
       const { building } = this.page;
       building.setGuest({ name: `upload:${id}`, label: this.file || "upload", guest: true, box, places: walls, walls: null });
       building.setWalls(`upload:${id}`, walls);
+      const found = this.places.filter((place) => place.answer.verdict === "match").map((place) => place.answer.results[0].dataset);
+      this.focus([`upload:${id}`, ...new Set(found)]);
     } catch { /* it is fetched anew with the next places */ }
   }
 
@@ -157,6 +167,12 @@ export class Replay {
   }
 
   // --- Showing it
+
+  // Plays, or pauses at a place, which is then looked at as a query is.
+  toggle() {
+    this.play(!this.playing);
+    if (!this.playing) this.go(this.at);
+  }
 
   play(on) {
     this.playing = on && !!this.drive;
@@ -216,6 +232,9 @@ export class Replay {
       trail, arcs, query: { dataset: own, pose: place.own_pose }, rival: null, verdict: place.answer.verdict,
       hits: [], pose: sure ? { dataset: best.dataset, pose: best.dataset_pose, covariance: best.covariance } : null,
     });
+    const { page } = this;
+    page.query.set({ map_id: `${this.file || this.drive}, after ${place.travel[0].toFixed(1)} m`, text: place.text }, page.info, null, true);
+    page.query.setVerdict(place.answer, (id) => show({ q: id }), true);
     this.track.redraw();
   }
 

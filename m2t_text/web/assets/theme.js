@@ -1,6 +1,6 @@
 // Colours, as the style sheet has them for light and dark; canvases ask here, and draw anew when they change.
 
-const NAMES = ["bg", "panel", "ink", "soft", "line", "wall", "wall-pale", "free", "place", "grid", "query", "hit",
+const NAMES = ["bg", "panel", "ink", "soft", "line", "wall", "wall-pale", "free", "floor", "place", "grid", "query", "hit",
   "shared", "conflict", "rival", "match", "ambiguous", "none", "accent", "find"];
 const listeners = [];
 export const colour = {};

@@ -21,6 +21,7 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import parse
 from m2t_text.errors import M2TError, MapFileError
 from m2t_text.logs.log import Log
+from m2t_text.mapping.free_space import Beams
 from m2t_text.mapping.local_map import Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import hits, refined_poses
 from m2t_text.pipeline import describe
@@ -154,6 +155,7 @@ def places_of(log: Log, parameters: Parameters, sender: Sender | None = None) ->
     """
     mapping = parameters.mapping
     points, starts = hits(log, mapping.range_limit)
+    beams = Beams.of(log, mapping.range_limit)
     poses: list[Any] = []
     last, looked, first = -1, monotonic(), True
     for pose in refined_poses(log):
@@ -164,7 +166,7 @@ def places_of(log: Log, parameters: Parameters, sender: Sender | None = None) ->
         if done < len(log.scans) and monotonic() - looked < PATIENCE:
             continue
         cuts = log.cuts[log.cuts < done]
-        survey = Survey(points, starts[: done + 1], np.array(poses), cuts)
+        survey = Survey(points, starts[: done + 1], np.array(poses), cuts, beams)
         begun = run_starts(survey, mapping.run_length, SPACING)
         for local_map in local_maps(survey, mapping, begun[begun > last]):
             yield describe(local_map, log.name, parameters)

@@ -21,6 +21,8 @@ READERS: dict[str, Callable[[BinaryIO], Floats]] = {
     ".ply": read_ply,
     ".npy": read_npy,
     ".xyz": read_lines,
+    ".pts": read_lines,
+    ".asc": read_lines,
     ".csv": read_lines,
 }
 

@@ -70,12 +70,6 @@ def _read_header(file: BinaryIO) -> _Header:
 
 def _decompressed(file: BinaryIO, head: _Header) -> Floats:
     """Compressed points are kept field by field."""
-    try:
-        import lzf
-    except ImportError as error:
-        raise PartError(
-            "a compressed cloud takes one more package: pip install 'm2t-text[pcd]', or save it uncompressed"
-        ) from error
     if left(file) < 8:
         raise PartError("cut off before its points")
     packed, unpacked = struct.unpack("<II", file.read(8))
@@ -83,7 +77,20 @@ def _decompressed(file: BinaryIO, head: _Header) -> Floats:
         raise PartError(f"cut off: {packed} bytes are claimed, {left(file)} are there")
     if unpacked != head.count * head.size or unpacked > packed * EXPANSION:
         raise PartError(f"{head.count} points of {head.size} bytes do not come from {packed} bytes")
-    content = lzf.decompress(file.read(packed), unpacked)
-    if content is None or len(content) != unpacked:
-        raise PartError("its compressed points are damaged")
+    content = file.read(packed)
+    if packed != unpacked:  # points that did not shrink are stored as they are
+        content = _unpacked(content, unpacked)
     return doubles(*(np.frombuffer(content, f.code, head.count, f.offset * head.count) for f in head.fields))
+
+
+def _unpacked(content: bytes, size: int) -> bytes:
+    try:
+        import lzf
+    except ImportError as error:
+        raise PartError(
+            "a compressed cloud takes one more package: pip install 'm2t-text[pcd]', or save it uncompressed"
+        ) from error
+    unpacked: bytes | None = lzf.decompress(content, size)
+    if unpacked is None or len(unpacked) != size:
+        raise PartError("its compressed points are damaged")
+    return unpacked

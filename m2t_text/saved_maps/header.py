@@ -1,15 +1,16 @@
 """What the YAML file of a saved map says (http://wiki.ros.org/map_server)."""
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import yaml
 
 from m2t_text.errors import MapFileError
-from m2t_text.util.files import opened, shown
+from m2t_text.util.files import is_file, opened, shown
 from m2t_text.util.types import Floats
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -86,19 +87,33 @@ def read_header(path: Path) -> Header:
     occupied, free = (read.number(name, 0.0, 1.0, default) for name, default in USUAL.items())
     if not free < occupied:
         raise read.wrong("free_thresh", f"less than occupied_thresh, {occupied:g}")
-    mode = values.get("mode", "trinary")
+    mode = str(values.get("mode") or "trinary").lower()  # as Nav2 reads it, in any case
     if mode not in get_args(Mode):
         raise read.wrong("mode", " or ".join(get_args(Mode)))
+    found, odd = _image(path, image)
     return Header(
-        image=path.parent / image,
+        image=found,
         resolution=read.number("resolution", *RESOLUTIONS),
         origin=read.origin(),
         occupied=occupied,
         free=free,
         negate=bool(read.number("negate", 0, 1, 0)),
-        mode=mode,
-        warnings=tuple(f"no {name}: taken as {USUAL[name]:g}" for name in missing),
+        mode=cast(Mode, mode),
+        warnings=(*(f"no {name}: taken as {USUAL[name]:g}" for name in missing), *odd),
     )
+
+
+def _image(path: Path, image: str) -> tuple[Path, list[str]]:
+    """The image that a file names; if that is a path of another computer, the one that lies beside the file."""
+    try:
+        named = path.parent / Path(image).expanduser()
+    except RuntimeError:  # "~somebody", whom nobody knows here
+        named = path.parent / image
+    last = re.split(r"[/\\\\]", image.removeprefix("file://"))[-1]
+    beside = path.parent / last
+    if is_file(named) or not last or not is_file(beside):
+        return named, []
+    return beside, [f"image {image!r} is not there: the {last!r} that lies beside the file is read"]
 
 
 @dataclass(frozen=True)

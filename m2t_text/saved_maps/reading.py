@@ -24,6 +24,10 @@ BLOCK = 1 << 20  # cells that are worked on at once
 FORMATS = ("PPM", "PNG", "BMP", "JPEG")  # of the images, as Pillow calls them
 # What map_saver draws for occupied, unknown and free. Nav2's writes a free_thresh by which the second is free.
 BLACK, GREY, WHITE = 0, 205, 254
+DARK, BRIGHT = 30, 250  # shades below and from there on are black and white
+ALIKE = 2  # shades by which pixels of one grey differ, as JPEG and editors change them
+GREY_SHARE, GREY_ALONE = 0.02, 0.8  # of all pixels, and of those between black and white, that are of one grey
+ALPHA = 3  # the channel of transparency
 RUN_LENGTHS = "bmp_rle"  # the decoder that Pillow has in Python alone: it fills a wide row cell by cell
 BROKEN = (  # what Pillow raises on a damaged image
     ArithmeticError,
@@ -85,15 +89,31 @@ def _channels(image: Image.Image) -> Values:
 
 
 def _states(values: Values, header: Header) -> tuple[States, tuple[str, ...]]:
-    """What map_server makes of the pixels, and a warning where its rule cannot be meant."""
+    """What the pixels stand for, and a warning wherever map_server's rule cannot be meant."""
     rows, columns, channels = values.shape
     cells = values.reshape(-1, channels)
+    depth, odd = _depth(cells)
+    grey = _unknown_shade(cells, depth, header) if header.mode == "trinary" else None
     states = np.empty(len(cells), dtype=np.int8)
-    grey = _means_unknown_by_grey(cells, header)
+    averaged = 0
     for block in _blocks(cells):
-        states[block] = _judged(*_shades(cells[block]), header, grey)
-    odd = f"pixels of {GREY} are taken as unknown; free_thresh {header.free:g} would make them free"
-    return states.reshape(rows, columns), (odd,) if grey else ()
+        shades, opaque = _shades(cells[block], depth)
+        states[block] = _judged(shades, opaque, header, grey)
+        if header.mode == "trinary" and channels == ALPHA + 1:
+            served = _judged(cells[block].mean(axis=1), np.ones_like(opaque), header, None)
+            averaged += int((served != states[block]).sum())
+    if grey is not None:
+        state = _judged(np.array([float(grey)]), np.array([True]), header, None)[0]
+        told = f"free_thresh {header.free:g} would make them free"
+        if state == OCCUPIED:
+            told = f"occupied_thresh {header.occupied:g} would make them occupied"
+        odd.append(f"pixels of {grey} are taken as unknown; {told}")
+    if averaged:
+        odd.append(
+            f"transparent pixels are taken as unknown, others by their colours; map_server would average the "
+            f"transparency in, and read {averaged:,} otherwise"
+        )
+    return states.reshape(rows, columns), tuple(odd)
 
 
 def _blocks(cells: Values) -> Iterator[slice]:
@@ -102,33 +122,50 @@ def _blocks(cells: Values) -> Iterator[slice]:
         yield slice(low, low + BLOCK)
 
 
-def _shades(cells: Values) -> tuple[Floats, NDArray[np.bool_]]:
-    """(N,) each cell's mean over its channels with alpha, 0...255, and whether it is opaque."""
-    mean = cells.mean(axis=1)
-    opaque = cells[:, 3] == 255 if cells.shape[1] == 4 else np.ones(len(cells), dtype=np.bool_)
-    return (mean if cells.dtype == np.uint8 else mean / 257.0), opaque
+def _depth(cells: Values) -> tuple[float, list[str]]:
+    """What a pixel's number is divided by to lie in 0...255, and a warning if that is not as its depth says."""
+    if cells.dtype == np.uint8:
+        return 1.0, []
+    if cells.max(initial=0) <= 255:
+        return 1.0, ["its pixels have 16 bits and are 255 at the most: read as those of 8 bits"]
+    return 257.0, []
 
 
-def _means_unknown_by_grey(cells: Values, header: Header) -> bool:
-    """Whether the pixels are map_saver's three shades, and the thresholds make free of its unknown."""
-    if header.mode != "trinary" or header.negate or header.free <= (255 - GREY) / 255:
-        return False
-    shades: set[float] = set()
+def _shades(cells: Values, depth: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """(N,) each cell's mean over its colours, 0...255, and whether it is opaque."""
+    mean = cells[:, :ALPHA].mean(axis=1) / depth
+    opaque = cells[:, ALPHA] == 255 if cells.shape[1] > ALPHA else np.ones(len(cells), dtype=np.bool_)
+    return mean, opaque
+
+
+def _unknown_shade(cells: Values, depth: float, header: Header) -> int | None:
+    """A grey that must be meant as unknown, though the thresholds make it free or occupied.
+
+    That is the one grey between black and white that an image has, but for few touched-up or blurred pixels.
+    """
+    counts = np.zeros(256, dtype=np.int64)
     for block in _blocks(cells):
-        shades.update(np.unique(_shades(cells[block])[0]).tolist())
-    return shades == {BLACK, GREY, WHITE}
+        shades, opaque = _shades(cells[block], depth)
+        counts += np.bincount(np.rint(shades[opaque]).astype(np.int64).clip(0, 255), minlength=256)
+    greys = counts.copy()
+    greys[:DARK], greys[BRIGHT:] = 0, 0
+    grey = int(greys.argmax())
+    alike = greys[max(0, grey - ALIKE) : grey + ALIKE + 1].sum()
+    total, ends = counts.sum(), min(counts[:DARK].sum(), counts[BRIGHT:].sum())
+    if not (alike >= GREY_SHARE * total and alike >= GREY_ALONE * greys.sum() and ends > 0):
+        return None
+    state = _judged(np.array([float(grey)]), np.array([True]), header, None)[0]
+    return None if state == UNKNOWN else grey
 
 
-def _judged(pixels: Floats, opaque: NDArray[np.bool_], header: Header, grey: bool) -> States:
-    """The states of some cells; where ``grey``, pixels of that shade are unknown."""
+def _judged(pixels: Floats, opaque: NDArray[np.bool_], header: Header, grey: int | None) -> States:
+    """The states of some cells; pixels about the shade ``grey``, if any, are unknown."""
     occupancy = (pixels if header.negate else 255 - pixels) / 255
-    unknown = np.zeros(pixels.shape, dtype=np.bool_)
+    unknown = ~opaque
     if header.mode == "raw":
         occupancy, unknown = pixels / 100, pixels > 100
-    elif header.mode == "scale":
-        unknown = ~opaque
-    elif grey:
-        unknown = pixels == GREY
+    if grey is not None:
+        unknown = unknown | (np.abs(pixels - grey) <= ALIKE)
     states = np.full(pixels.shape, UNKNOWN, dtype=np.int8)
     states[(occupancy > header.occupied) & ~unknown] = OCCUPIED
     states[(occupancy < header.free) & ~unknown] = FREE

@@ -82,6 +82,40 @@ def ply_binary(points: np.ndarray, order: str) -> bytes:
     return PLY.format(len(points), form).encode() + made.tobytes() + b"\x03" + bytes(12)
 
 
+def ply_lists_in_text(points: np.ndarray) -> bytes:
+    head = PLY.format(len(points), "ascii").replace(
+        "element face", "property list uchar int view\nelement face"
+    )
+    body = "".join(f"1 {x:g} {y:g} {z:g} 2 1 2\n" for x, y, z in points)
+    return (head + body + "3 0 1 2\n").encode()
+
+
+def ply_lists_first_in_text(points: np.ndarray) -> bytes:
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty list uchar int view\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    body = "".join(f"{k % 3} {'7 ' * (k % 3)}{x:g} {y:g} {z:g}\n" for k, (x, y, z) in enumerate(points))
+    return (head + body).encode()
+
+
+def ply_after_others(points: np.ndarray, order: str) -> bytes:
+    """After a camera, and faces of different sizes, vertices with a list each."""
+    form = "binary_big_endian" if order == ">" else "binary_little_endian"
+    head = f"ply\nformat {form} 1.0\nelement camera 1\nproperty float view_px\nproperty double view_py\n"
+    head += f"element face 2\nproperty list uchar int vertex_indices\nelement vertex {len(points)}\n"
+    head += "property list ushort float near\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    body = struct.pack(f"{order}fd", 1.0, 2.0) + struct.pack(f"{order}B3iB2i", 3, 0, 1, 2, 2, 0, 1)
+    for k, point in enumerate(points):
+        body += struct.pack(f"{order}H{k % 3}f3f", k % 3, *[9.0] * (k % 3), *point)
+    return (head + "end_header\n").encode() + body
+
+
+def pcd_stored(points: np.ndarray) -> bytes:
+    made = record(points)
+    content = b"".join(made[name].tobytes() for name in made.dtype.names)
+    head = HEAD.format(len(points), "binary_compressed").encode()
+    return head + struct.pack("<II", len(content), len(content)) + content
+
+
 def npy(array: np.ndarray) -> bytes:
     from io import BytesIO
 
@@ -104,6 +138,22 @@ WRITERS: dict[str, Callable[[np.ndarray], bytes]] = {
     "named.csv": lambda points: (
         '\ufeff"n","Y","X","z"\r\n' + lines(points[:, 0], *points.T[[1, 0, 2]], mark=",")
     ).encode(),
+    "count.xyz": lambda points: (f"{len(points)}\n" + lines(*points.T)).encode(),
+    "colours.pts": lambda points: (
+        f"{len(points)}\r\n" + lines(*points.T, points[:, 0], points[:, 1])
+    ).encode(),
+    "plain.asc": lambda points: lines(*points.T).encode(),
+    "german.csv": lambda points: ("x;y;z\n" + lines(*points.T, mark=";")).replace(".", ",").encode(),
+    "german.xyz": lambda points: lines(*points.T).replace(".", ",").encode(),
+    "units.csv": lambda points: (
+        "n,X [mm],Y (mm),Z [m]\n" + lines(points[:, 0], *(points * [1e3, 1e3, 1]).T, mark=",")
+    ).encode(),
+    "paraview.csv": lambda points: ('"Points:0","Points:1","Points:2"\n' + lines(*points.T, mark=",")).encode(),
+    "lists.ply": ply_lists_in_text,
+    "first.ply": ply_lists_first_in_text,
+    "camera.ply": lambda points: ply_after_others(points, "<"),
+    "mesh.ply": lambda points: ply_after_others(points, ">"),
+    "stored.pcd": pcd_stored,
     "single.npy": npy,
     "columns.npy": lambda points: npy(np.asfortranarray(points.astype(np.float64))),
     "more.npy": lambda points: npy(np.column_stack([points, points])),
@@ -124,6 +174,25 @@ def test_every_kind_of_file_gives_the_same_points(tmp_path: Path, name: str) -> 
     cloud = read_cloud(written(tmp_path, name, WRITERS[name](POINTS)))
     assert cloud.name == name.rpartition(".")[0] and cloud.warnings == ()
     assert cloud.points == pytest.approx(POINTS[:, :2].astype(np.float64), abs=1e-6)
+
+
+@pytest.mark.parametrize("nothing", ["", "nan", "NULL", "n/a"])
+def test_rows_without_values_are_left_out(tmp_path: Path, nothing: str) -> None:
+    rows = [",".join(f"{value:g}" for value in point) for point in POINTS]
+    rows[3] = rows[20] = ",".join([nothing] * 3)
+    cloud = read_cloud(written(tmp_path, "a.csv", "\n".join(["x,y,z", *rows]).encode()))
+    assert cloud.warnings == ("2 of 40 points are not finite, and left out",)
+    assert cloud.points == pytest.approx(np.delete(POINTS, [3, 20], axis=0)[:, :2], abs=1e-6)
+
+
+def test_every_scan_of_a_file_may_begin_with_its_count(tmp_path: Path) -> None:
+    half = lines(*POINTS[:20].T)
+    cloud = read_cloud(written(tmp_path, "a.pts", f"20\n{half}20\n{half}".encode()))
+    assert cloud.points == pytest.approx(np.concatenate([POINTS[:20]] * 2)[:, :2], abs=1e-6)
+    with pytest.raises(CloudError, match="cut off: 30 points are claimed, 20 are there"):
+        read_cloud(written(tmp_path, "a.pts", f"30\n{half}".encode()))
+    with pytest.raises(CloudError, match="its letters have 16 bits: save it as UTF-8"):
+        read_cloud(written(tmp_path, "a.pts", half.encode("utf-16")))
 
 
 @pytest.mark.parametrize("name", ["blanks.xyz", "plain.csv", "single.npy"])
@@ -244,7 +313,10 @@ WRONG = {
     ".pcd": "no header that ends with 'DATA'",
     ".ply": "no PLY file",
     ".npy": "no NumPy array",
-    **dict.fromkeys((".xyz", ".csv"), "its columns are .*: name them x, y and z|cannot be read: 'utf-8' codec"),
+    **dict.fromkeys(
+        (".xyz", ".csv", ".pts", ".asc"),
+        "its columns are .*: name them x, y and z|cannot be read: 'utf-8' codec|its letters have 16 bits",
+    ),
 }
 
 HOPELESS: dict[str, tuple[str, bytes, str]] = {
@@ -289,10 +361,14 @@ HOPELESS: dict[str, tuple[str, bytes, str]] = {
         replaced("binary_little", "binary_middle", LITTLE),
         "no format of ascii",
     ),
-    "PLY has faces first": ("a.ply", replaced("element vertex", "element face", LITTLE), "is not the vertex"),
+    "PLY has faces first": (
+        "a.ply",
+        replaced("element vertex", "element face", LITTLE),
+        "it has no vertices, but face face",
+    ),
     "PLY has lists": (
         "a.ply",
-        replaced("property uchar i", "property list uchar int i", LITTLE),
+        replaced("property uchar i", "property list float int i", LITTLE),
         "no such property",
     ),
     "PLY has other numbers": ("a.ply", replaced("float x", "float u", LITTLE), "its vertices have i u y z"),
@@ -308,7 +384,7 @@ HOPELESS: dict[str, tuple[str, bytes, str]] = {
         "its columns are 'east north': name them x, y and z",
     ),
     "CSV has names twice": ("a.csv", b"x,y\nx,y\n1,2\n", "its columns are 'x y'"),
-    "CSV is not UTF-8": ("a.csv", b"x,y,z\n\xff\xfe,1,2\n", "cannot be read: 'utf-8' codec can't decode"),
+    "CSV is not UTF-8": ("a.csv", b"x,y,z\n1,\xff\xfe,2\n", "cannot be read: 'utf-8' codec can't decode"),
     "NPY claims too much": ("a.npy", replaced("(40, 3), }       ", "(9999999, 3), }  ", ARRAY), "cut off"),
     "NPY claims far too much": (
         "a.npy",

@@ -71,13 +71,104 @@ def test_raw_pixels_are_percents_and_none_beyond_100(tmp_path: Path) -> None:
     assert grid.states.tolist() == drawn(".. ##  ").tolist()
 
 
-def test_transparent_pixels_are_unknown_in_scale_and_averaged_in_trinary(tmp_path: Path) -> None:
-    shades = np.array([[0, 0, 255, 255]], dtype=np.uint8)
-    alpha = np.array([[255, 0, 255, 0]], dtype=np.uint8)
-    pixels = np.dstack([shades, shades, shades, alpha])
-    assert read_map(saved(tmp_path, pixels, mode="scale"))[0].states.tolist() == drawn("# . ").tolist()
-    # As map_server averages alpha with the colours: 63.75, 0, 255 and 191.25 of 255.
-    assert read_map(saved(tmp_path, pixels))[0].states.tolist() == drawn("##. ").tolist()
+@pytest.mark.parametrize("mode", ["scale", "trinary"])
+def test_transparent_pixels_are_unknown(tmp_path: Path, mode: str) -> None:
+    shades = np.array([[0, 0, 255, 255, 205]], dtype=np.uint8)
+    alpha = np.array([[255, 0, 255, 100, 255]], dtype=np.uint8)
+    grid, warnings = read_map(saved(tmp_path, np.dstack([shades] * 3 + [alpha]), mode=mode))
+    assert grid.states.tolist() == drawn("# .  ").tolist()
+    # map_server averages alpha with the colours of trinary maps: 63.75, 0, 255, 216.25 and 217.5 of 255.
+    told = "map_server would average the transparency in, and read 3 otherwise"
+    assert [told in one for one in warnings] == ([True] if mode == "trinary" else [])
+    (tmp_path / "plain").mkdir()
+    black = np.dstack([PIXELS.clip(0, 0)] * 3 + [np.full_like(PIXELS, 255)])
+    assert read_map(saved(tmp_path / "plain", black))[1] == ()
+
+
+def test_a_map_of_opaque_colours_is_read_as_one_without(tmp_path: Path) -> None:
+    grid, warnings = read_map(saved(tmp_path, np.dstack([PIXELS] * 3 + [np.full_like(PIXELS, 255)])))
+    assert grid.states.tolist() == STATES.tolist()
+    assert len(warnings) == 1 and "read 1 otherwise" in warnings[0]  # 205 would become free
+
+
+def test_pixels_of_16_bits_may_hold_shades_of_8(tmp_path: Path) -> None:
+    grid, warnings = read_map(saved(tmp_path, PIXELS.astype(np.uint16)))
+    assert grid.states.tolist() == STATES.tolist()
+    assert warnings == ("its pixels have 16 bits and are 255 at the most: read as those of 8 bits",)
+
+
+def room(unknown: int, free: int = 254, occupied: int = 0) -> NDArray[np.uint8]:
+    """A room of 40 x 40 cells in unknown space."""
+    made = np.full((60, 60), unknown, dtype=np.uint8)
+    made[10:50, 10:50] = occupied
+    made[11:49, 11:49] = free
+    return made
+
+
+# How mapping programs save: shades of unknown, free and occupied, the thresholds that they write beside them,
+# and whether these make free or occupied of unknown.
+SAVED = {
+    "map_saver of ROS 1, gmapping, hector": (room(205), {}, None),
+    "Nav2 and slam_toolbox": (room(205), {"mode": "trinary", "free_thresh": 0.25}, "free_thresh 0.25"),
+    "Nav2, from YAML with capitals": (room(205), {"mode": "Trinary", "free_thresh": 0.25}, "free_thresh 0.25"),
+    "Cartographer": (room(128), {}, None),
+    "Cartographer, thresholds narrowed": (
+        room(128),
+        {"occupied_thresh": 0.45, "free_thresh": 0.4},
+        "occupied_thresh 0.45",
+    ),
+    "foreign thresholds": (room(205), {"occupied_thresh": 0.5, "free_thresh": 0.49}, "free_thresh 0.49"),
+    "negated": (room(50, 1, 255), {"negate": 1, "free_thresh": 0.25}, "free_thresh 0.25"),
+}
+
+
+@pytest.mark.parametrize("touch", ["not", "brush", "JPEG"])
+@pytest.mark.parametrize("program", SAVED)
+def test_maps_are_read_as_the_programs_that_saved_them_meant(tmp_path: Path, program: str, touch: str) -> None:
+    pixels, header, told = SAVED[program]
+    wanted = np.full((60, 60), -1)
+    wanted[10:50, 10:50] = OCCUPIED
+    wanted[11:49, 11:49] = FREE
+    touched = pixels.copy()
+    if touch == "brush":  # an eraser and a pencil, used where it changes nothing
+        touched[20:30, 20:30] = 0 if header.get("negate") else 255
+        touched[10, 20:30] = 250 if header.get("negate") else 5
+    image = "map.jpg" if touch == "JPEG" else "map.png"
+    path = saved(tmp_path, touched, image, **header)
+    if touch == "JPEG":
+        Image.fromarray(touched).save(tmp_path / image, quality=95)
+    grid, warnings = read_map(path)
+    assert (grid.states[::-1] != wanted).mean() < (0.025 if touch == "JPEG" else 1e-9)
+    assert [told in one for one in warnings if told] == ([True] if told else [])
+    assert told or warnings == ()
+
+
+def test_probabilities_in_shades_are_read_by_the_thresholds(tmp_path: Path) -> None:
+    """As Cartographer paints them: many greys, of which none is more frequent than the others."""
+    shades = np.tile(np.arange(0, 256, dtype=np.uint8), (8, 1))
+    grid, warnings = read_map(saved(tmp_path, shades))
+    occupancy = (255 - shades[0].astype(float)) / 255
+    assert grid.states[0].tolist() == np.where(occupancy > 0.65, 1, np.where(occupancy < 0.196, 0, -1)).tolist()
+    assert warnings == ()
+
+
+def test_free_space_of_another_shade_than_white_stays_free(tmp_path: Path) -> None:
+    grid, warnings = read_map(saved(tmp_path, room(128, free=230)))
+    assert (grid.states[12:48, 12:48] == FREE).all() and warnings == ()
+
+
+@pytest.mark.parametrize(
+    "named", ["/home/turtle/maps/{}", "~/maps/{}", "~nobody-here/{}", "C:\\maps\\{}", "maps/{}", "file:///a/{}"]
+)
+def test_the_image_may_be_named_by_a_path_of_another_computer(tmp_path: Path, named: str) -> None:
+    path = saved(tmp_path)
+    path.write_text(path.read_text().replace("image: map.png", f"image: '{named.format('map.png')}'"))
+    grid, warnings = read_map(path)
+    assert grid.states.tolist() == STATES.tolist()
+    assert len(warnings) == 1 and "is not there: the 'map.png' that lies beside the file is read" in warnings[0]
+    (tmp_path / "map.png").unlink()
+    with pytest.raises(MapFileError, match="does not exist"):
+        read_map(path)
 
 
 @pytest.mark.parametrize("kind", ["colour", "palette", "bits", "16 bits"])
@@ -99,8 +190,6 @@ def test_what_map_saver_calls_unknown_is_unknown_whatever_it_writes_beside_it(tm
     grid, warnings = read_map(saved(tmp_path, free_thresh=0.25))
     assert grid.states.tolist() == STATES.tolist()
     assert warnings == ("pixels of 205 are taken as unknown; free_thresh 0.25 would make them free",)
-    mixed = np.where(PIXELS == 205, 210, PIXELS).astype(np.uint8)  # of another program: as its header says
-    assert (read_map(saved(tmp_path, mixed, free_thresh=0.25))[0].states[1, 2], FREE) == (FREE, FREE)
 
 
 def test_thresholds_may_be_missing(tmp_path: Path) -> None:

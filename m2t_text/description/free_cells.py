@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.description.free_squares import LEAST, MOST, REACH, CellGrid, FreeSquares
-from m2t_text.util.geometry import between, compose, inverse, transform
+from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
 Cells = NDArray[np.int64]
@@ -84,34 +84,50 @@ def covering(free: CellGrid) -> FreeSquares:
 
 def _resampled(free: FreeSpace, cell: float) -> CellGrid:
     """The cells of an upright grid whose middles are free; those at its border are not."""
-    along, across = np.flatnonzero(free.cells.any(axis=1)), np.flatnonzero(free.cells.any(axis=0))
-    if not len(along):
-        return CellGrid(0, 0, np.zeros((0, 0), dtype=np.bool_))
-    corners = np.array([[x, y] for x in (along[0], along[-1] + 1) for y in (across[0], across[-1] + 1)])
-    placed = transform(free.pose, corners * free.cell) / cell
-    low, high = np.floor(placed.min(axis=0)).astype(int) - 1, np.ceil(placed.max(axis=0)).astype(int) + 1
-    origin = transform(inverse(free.pose), (low + 0.5)[None] * cell)[0] / free.cell
-    step = np.array([np.cos(free.pose[2]), np.sin(free.pose[2])]) * cell / free.cell
-    return CellGrid(int(low[0]), int(low[1]), _sampled(free.cells, origin, step, *(high - low).tolist()))
+    return CellGrid(*_upright(free.cells, free.pose, free.cell, cell))
 
 
 @njit(cache=True, nogil=True)
-def _sampled(cells: Mask, origin: Floats, step: Floats, width: int, height: int) -> Mask:
-    """Cells (width, height) looked up in another grid.
-
-    Args:
-        origin: (2,) the middle of the first one, in units of the other grid's cells.
-        step: (2,) along that grid's x axis, and against its y axis, for a step along x.
-    """
+def _upright(cells: Mask, pose: Floats, own: float, cell: float) -> tuple[int, int, Mask]:
+    """The fields of `_resampled`, from those of what is free."""
+    left, low, right, high = bounding_box(cells)
+    c, s = np.cos(pose[2]) * own / cell, np.sin(pose[2]) * own / cell
+    corners = np.empty((4, 2))
+    for k in range(4):
+        i, j = left if k < 2 else right, low if k % 2 else high
+        corners[k] = pose[0] / cell + c * i - s * j, pose[1] / cell + s * i + c * j
+    x, y = int(np.floor(corners[:, 0].min())) - 1, int(np.floor(corners[:, 1].min())) - 1
+    width, height = int(np.ceil(corners[:, 0].max())) + 1 - x, int(np.ceil(corners[:, 1].max())) + 1 - y
     found = np.zeros((width, height), dtype=np.bool_)
-    for i in range(width):
-        x, y = origin[0] + i * step[0], origin[1] - i * step[1]
-        first, last = _within(x, step[1], cells.shape[0], 0, height)
-        first, last = _within(y, step[0], cells.shape[1], first, last)
-        row = found[i]
-        for j in range(first, last):
-            row[j] = cells[int(x + j * step[1]), int(y + j * step[0])]
-    return found
+    c, s = np.cos(pose[2]) * cell / own, np.sin(pose[2]) * cell / own
+    for k in range(width):
+        dx, dy = x + k + 0.5 - pose[0] / cell, y + 0.5 - pose[1] / cell
+        i, j = c * dx + s * dy, c * dy - s * dx  # of the first middle of the row, in the cells looked up
+        first, last = _within(i, s, cells.shape[0], 0, height)
+        first, last = _within(j, c, cells.shape[1], first, last)
+        row = found[k]
+        for m in range(first, last):
+            row[m] = cells[int(i + m * s), int(j + m * c)]
+    return x, y, found
+
+
+@njit(cache=True, nogil=True)
+def bounding_box(cells: Mask) -> tuple[int, int, int, int]:
+    """Least x and y of the marked cells, and those just beyond the greatest; all 0 where there are none."""
+    left, low, right, high = cells.shape[0], cells.shape[1], 0, 0
+    for i in range(cells.shape[0]):
+        row = cells[i]
+        for j in range(min(low, len(row))):
+            if row[j]:
+                low = j
+                break
+        for j in range(len(row) - 1, high - 1, -1):
+            if row[j]:
+                high = j + 1
+                break
+        if row.any():
+            left, right = min(left, i), i + 1
+    return (left, low, right, high) if right else (0, 0, 0, 0)
 
 
 @njit(cache=True, nogil=True)

@@ -6,14 +6,14 @@ passes glass that others hit, and people walk through where other beams saw noth
 was hit on the run are not free, whatever passed them; see `free_squares`.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from m2t_text.description.free_cells import FreeSpace, Mask
+from m2t_text.description.free_cells import FreeSpace, Mask, bounding_box
+from m2t_text.description.free_squares import CellGrid
 from m2t_text.logs.log import Log
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
@@ -81,43 +81,40 @@ class FreeScans:
         self._trajectory = trajectory
         self._lasers = compose(trajectory, beams.laser)
         self._cell = cell
-        self._half = math.ceil(beams.lengths.max(initial=0.0) / cell) + 1
-        self._passed: dict[int, Mask] = {}
+        self._passed: dict[int, CellGrid] = {}
 
     def together(self, scans: NDArray[np.int64]) -> FreeSpace:
         """What was seen on a run, in the robot frame of its first scan. Earlier scans are forgotten."""
         for scan in [scan for scan in self._passed if scan < scans[0]]:
             del self._passed[scan]
-        centres = np.floor(self._lasers[scans, :2] / self._cell).astype(np.int64)
-        low, high = centres.min(axis=0), centres.max(axis=0)
-        cells = np.zeros(high - low + 2 * self._half + 1, dtype=np.bool_)
-        for scan, (x, y) in zip(scans.tolist(), (centres - low).tolist(), strict=True):
-            _add(cells, self._of(scan), x, y)
-        corner = np.array([*(low - self._half) * self._cell, 0.0])
+        parts = [self._of(scan) for scan in scans.tolist()]
+        x, y = min(part.x for part in parts), min(part.y for part in parts)
+        width = max(part.x + part.cells.shape[0] for part in parts) - x
+        height = max(part.y + part.cells.shape[1] for part in parts) - y
+        cells = np.zeros((width, height), dtype=np.bool_)
+        for part in parts:
+            _add(cells, part.cells, part.x - x, part.y - y)
+        corner = np.array([x * self._cell, y * self._cell, 0.0])
         return FreeSpace(cells, between(self._trajectory[scans[0]], corner), self._cell)
 
-    def _of(self, scan: int) -> Mask:
+    def _of(self, scan: int) -> CellGrid:
         if scan not in self._passed:
-            part = slice(*self._beams.starts[scan : scan + 2])
-            self._passed[scan] = _passed(
-                self._lasers[scan],
-                self._beams.bearings[part],
-                self._beams.lengths[part],
-                self._cell,
-                self._half,
-            )
+            part, laser = slice(*self._beams.starts[scan : scan + 2]), self._lasers[scan]
+            bearings, lengths = self._beams.bearings[part], self._beams.lengths[part]
+            self._passed[scan] = CellGrid(*_passed(laser, bearings, lengths, self._cell))
         return self._passed[scan]
 
 
 @njit(cache=True, nogil=True)
-def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float, half: int) -> Mask:
-    """The cells that a scan's beams pass, ``half`` cells to each side of the laser's.
+def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float) -> tuple[int, int, Mask]:
+    """The cells that a scan's beams pass: x and y of the first, and a part of the plane that holds them all.
 
     Where neighbouring beams are one to GAP cells apart, one between them is thought to pass as far as both.
     """
+    half = 1 if len(lengths) == 0 else int(lengths.max() / cell) + 2
+    low_x, low_y = int(np.floor(laser[0] / cell)) - half, int(np.floor(laser[1] / cell)) - half
+    x, y = laser[0] / cell - low_x, laser[1] / cell - low_y
     cells = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.bool_)
-    x = laser[0] / cell - np.floor(laser[0] / cell) + half
-    y = laser[1] / cell - np.floor(laser[1] / cell) + half
     before, bearing_before = 0.0, 0.0
     for k in range(len(bearings)):
         length, bearing = lengths[k] / cell, bearings[k] + laser[2]
@@ -127,7 +124,8 @@ def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float, half:
             end = min(length, before, GAP / gap)
             _walk(cells, x, y, (bearing + bearing_before) / 2, 1 / gap, end)
         before, bearing_before = length, bearing
-    return cells
+    left, low, right, high = bounding_box(cells)
+    return low_x + left, low_y + low, cells[left:right, low:high].copy()
 
 
 @njit(cache=True, nogil=True)

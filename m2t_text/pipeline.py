@@ -60,7 +60,8 @@ def view_text(
     It has one token for each occupied cell, and one for each free square.
     """
     cells = np.unique(np.floor(points / cell).astype(np.int64), axis=0)
-    words = polestar_words((cells + 0.5) * cell, np.array(parameters.radii))
+    middles = np.asarray((cells + 0.5) * cell, dtype=np.float64)
+    words = polestar_words(middles, np.array(parameters.radii))
     squares = NO_SQUARES if free is None else free_squares(free, cells, cell)
     return replace(Text.of(cells[:, 0], cells[:, 1], words), free=squares)
 

@@ -1,8 +1,8 @@
 """Viewpoint planning: a pose from which similar maps are seen alike (paper, IV-B)."""
 
 import numpy as np
-from numba import njit
 
+from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import wrap
 from m2t_text.util.types import Floats
 
@@ -13,33 +13,48 @@ SEPARATE = np.radians(10.0)  # between two likely directions
 DEPTH = 0.5  # nats by which a likely direction's entropy may exceed the least
 
 
-@njit(cache=True, nogil=True)
-def projection_entropy(points: Floats, angle: float) -> float:
-    """Entropy, in nats, of the points' projections onto the axes turned by ``angle``.
+def projection_entropies(points: Floats, angles: Floats) -> Floats:
+    """Entropy (A,), in nats, of the points' projections (N, 2) onto the axes turned by each of the ``angles``.
 
     Each point is shared between the two nearest bins, so that the entropy changes smoothly with the angle.
     """
+    widest = float(np.hypot(np.ptp(points[:, 0]), np.ptp(points[:, 1]))) if len(points) else 0.0
+    room = np.empty(int(widest / BIN) + 3)  # for all bins, whatever the angle
+    entropies = np.zeros(len(angles))
+    _entropies(np.ascontiguousarray(points), angles, np.empty(len(points)), room, entropies)
+    return entropies
+
+
+@kernel
+def _entropies(points: Floats, angles: Floats, along: Floats, histogram: Floats, entropies: Floats) -> None:
     n = len(points)
-    c, s = np.cos(angle), np.sin(angle)
-    entropy = 0.0
-    for axis in range(2):
-        along = np.empty(n)
-        for i in range(n):
-            along[i] = c * points[i, 0] + s * points[i, 1] if axis == 0 else c * points[i, 1] - s * points[i, 0]
-        low = along.min()
-        histogram = np.zeros(int((along.max() - low) / BIN) + 2)
-        for i in range(n):
-            place = (along[i] - low) / BIN
-            k = int(place)
-            histogram[k] += 1 - (place - k)
-            histogram[k + 1] += place - k
-        for count in histogram:
-            if count > 0:
-                entropy -= count / n * np.log(count / n)
-    return entropy
+    for a in range(len(angles)):
+        c, s = np.cos(angles[a]), np.sin(angles[a])
+        entropy = 0.0
+        for axis in range(2):
+            low, high = np.inf, -np.inf
+            for i in range(n):
+                if axis == 0:
+                    place = c * points[i, 0] + s * points[i, 1]
+                else:
+                    place = c * points[i, 1] - s * points[i, 0]
+                along[i] = place
+                low, high = min(low, place), max(high, place)
+            bins = int((high - low) / BIN) + 2 if n else 0
+            for k in range(bins):
+                histogram[k] = 0.0
+            for i in range(n):
+                place = (along[i] - low) / BIN
+                k = int(place)
+                histogram[k] += 1 - (place - k)
+                histogram[k + 1] += place - k
+            for k in range(bins):
+                count = histogram[k]
+                if count > 0:
+                    entropy -= count / n * np.log(count / n)
+        entropies[a] = entropy
 
 
-@njit(cache=True, nogil=True)
 def dominant_direction(points: Floats) -> float:
     """The direction in [0, pi/2) along which walls lie: where the entropy of the projections is least.
 
@@ -47,18 +62,20 @@ def dominant_direction(points: Floats) -> float:
     """
     if len(points) < 2:
         return 0.0
-    step = np.pi / 2 / COARSE
-    best, least = 0.0, np.inf
-    for k in range(COARSE):
-        entropy = projection_entropy(points, k * step)
-        if entropy < least - 1e-12:
-            best, least = k * step, entropy
-    centre = best
-    for k in range(-FINE + 1, FINE):
-        entropy = projection_entropy(points, centre + k * step / FINE)
-        if entropy < least - 1e-12:
-            best, least = centre + k * step / FINE, entropy
+    step: float = np.pi / 2 / COARSE
+    angles = np.linspace(0.0, np.pi / 2, COARSE, endpoint=False)
+    best, least = _least(points, angles, 0.0, np.inf)
+    angles = np.asarray(best + np.arange(-FINE + 1, FINE) * step / FINE)
+    best, least = _least(points, angles, best, least)
     return best % (np.pi / 2)
+
+
+def _least(points: Floats, angles: Floats, best: float, least: float) -> tuple[float, float]:
+    """The angle of the least entropy, and that, if it is clearly less than the least so far."""
+    for angle, entropy in zip(angles.tolist(), projection_entropies(points, angles).tolist(), strict=True):
+        if entropy < least - 1e-12:
+            best, least = angle, entropy
+    return best, least
 
 
 def plan_viewpoint(points: Floats, trajectory: Floats, on_trajectory: bool) -> tuple[Floats, Floats]:
@@ -97,7 +114,7 @@ def likely_directions(positions: Floats, most: int) -> list[float]:
     chosen = [0.0]
     if most > 1 and len(positions) > 1:
         angles = np.arange(DEGREES) * (np.pi / 2 / DEGREES)
-        entropy = np.array([projection_entropy(positions * BIN, angle) for angle in angles])
+        entropy = projection_entropies(positions * BIN, angles.astype(float))
         lows = np.flatnonzero((entropy <= np.roll(entropy, 1)) & (entropy <= np.roll(entropy, -1)))
         for k in lows[np.argsort(entropy[lows], kind="stable")]:
             away = [abs((angles[k] - other + np.pi / 4) % (np.pi / 2) - np.pi / 4) for other in chosen]

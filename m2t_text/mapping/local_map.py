@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.config import MappingParameters
 from m2t_text.description.free_cells import FreeSpace
 from m2t_text.mapping.free_space import Beams, FreeScans
+from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import between, wrap
 from m2t_text.util.types import Floats
 
@@ -146,36 +146,62 @@ def local_maps(
         )
 
 
-@njit(cache=True, nogil=True)
 def occupied(
     points: Floats, starts: NDArray[np.int64], scans: NDArray[np.int64], poses: Floats, cell: float
 ) -> Floats:
     """Mean hit of every occupied cell, (N, 2), ordered by cell, of the ``scans`` placed at ``poses`` (K, 3)."""
-    total = 0
-    for scan in scans:
-        total += starts[scan + 1] - starts[scan]
-    placed = np.empty((total, 2))
+    placed = np.empty((int((starts[scans + 1] - starts[scans]).sum()), 2))
+    if not len(placed):
+        return placed
+    box = np.array([np.inf, np.inf, -np.inf, -np.inf])
+    _place(np.ascontiguousarray(points), starts, scans, np.ascontiguousarray(poses), placed, box)
+    left, low, right, high = np.floor(box / cell).tolist()
+    width, height = int(right - left) + 1, int(high - low) + 1
+    sums = np.zeros((width * height, 3))
+    _sum_hits(placed, left, low, cell, height, sums)
+    means = np.empty((len(placed), 2))
+    return means[: _mean_hits(sums, means)].copy()
+
+
+@kernel
+def _place(
+    points: Floats,
+    starts: NDArray[np.int64],
+    scans: NDArray[np.int64],
+    poses: Floats,
+    placed: Floats,
+    box: Floats,
+) -> None:
+    """Writes all hits of the scans, placed at their poses, to ``placed`` (N, 2), and widens their box (4,)."""
     n = 0
     for k in range(len(scans)):
         c, s = np.cos(poses[k, 2]), np.sin(poses[k, 2])
         for i in range(starts[scans[k]], starts[scans[k] + 1]):
-            placed[n, 0] = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
-            placed[n, 1] = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
+            x = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
+            y = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
+            placed[n, 0], placed[n, 1] = x, y
+            box[0], box[1], box[2], box[3] = min(box[0], x), min(box[1], y), max(box[2], x), max(box[3], y)
             n += 1
-    if total == 0:
-        return placed
-    low_x, low_y = np.floor(placed[:, 0].min() / cell), np.floor(placed[:, 1].min() / cell)
-    width = int(np.floor(placed[:, 0].max() / cell) - low_x) + 1
-    height = int(np.floor(placed[:, 1].max() / cell) - low_y) + 1
-    sums = np.zeros((width * height, 3))
-    for i in range(total):
-        slot = int(np.floor(placed[i, 0] / cell) - low_x) * height + int(np.floor(placed[i, 1] / cell) - low_y)
-        sums[slot, 0] += placed[i, 0]
-        sums[slot, 1] += placed[i, 1]
+
+
+@kernel
+def _sum_hits(placed: Floats, left: float, low: float, cell: float, height: int, sums: Floats) -> None:
+    """Adds the x, the y and the number of the hits in each cell to ``sums`` (columns * height, 3)."""
+    for i in range(len(placed)):
+        x, y = placed[i, 0], placed[i, 1]
+        slot = int(np.floor(x / cell) - left) * height + int(np.floor(y / cell) - low)
+        sums[slot, 0] += x
+        sums[slot, 1] += y
         sums[slot, 2] += 1
-    slots = np.flatnonzero(sums[:, 2])
-    means = np.empty((len(slots), 2))
-    for i in range(len(slots)):
-        means[i, 0] = sums[slots[i], 0] / sums[slots[i], 2]
-        means[i, 1] = sums[slots[i], 1] / sums[slots[i], 2]
-    return means
+
+
+@kernel
+def _mean_hits(sums: Floats, means: Floats) -> int:
+    """Writes the mean hit of each cell that has one, in their order, and returns the number of these cells."""
+    n = 0
+    for slot in range(len(sums)):
+        if sums[slot, 2] > 0:
+            means[n, 0] = sums[slot, 0] / sums[slot, 2]
+            means[n, 1] = sums[slot, 1] / sums[slot, 2]
+            n += 1
+    return n

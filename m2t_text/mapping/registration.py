@@ -6,11 +6,12 @@ are held by the odometry's prior, so that a featureless corridor does not slide.
 """
 
 import math
+import threading
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from m2t_text.util.compiling import inner, kernel
 from m2t_text.util.types import Floats
 
 CELL = 0.1  # m; side of a cell of the likelihood grid
@@ -31,11 +32,31 @@ ANGLE_STEP = math.radians(1.0)
 POINT_SIGMA = 0.03  # m; noise of a point about its line
 CORRELATION = 10.0  # neighbouring beams err together: so many points count as one
 ITERATIONS = 12
+REACHES = np.array([max(0.4 * 0.75**k, 0.12) for k in range(ITERATIONS)])  # m; of neighbours
 
 
-@njit(cache=True, nogil=True)
+class Grids(threading.local):
+    """Grids about the predicted pose, kept by each thread from one call to the next: new memory costs more.
+
+    Attributes:
+        likelihood: (SIDE, SIDE) of a hit in each cell.
+        head: (SIDE, SIDE) the last reference point in each cell, -1 if there is none; see `_bucket`.
+    """
+
+    def __init__(self) -> None:
+        self.likelihood = np.empty((SIDE, SIDE), dtype=np.float32)
+        self.head = np.empty((SIDE, SIDE), dtype=np.int32)
+
+
+_grids = Grids()
+
+
+@inner
 def _likelihood(reference: Floats, grid: NDArray[np.float32]) -> None:
-    grid[:] = 0
+    """Writes to the grid how likely a hit is in each cell."""
+    for x in range(SIDE):
+        for y in range(SIDE):
+            grid[x, y] = 0.0
     for k in range(len(reference)):
         cx = int(math.floor(reference[k, 0] / CELL)) + HALF
         cy = int(math.floor(reference[k, 1] / CELL)) + HALF
@@ -47,15 +68,24 @@ def _likelihood(reference: Floats, grid: NDArray[np.float32]) -> None:
                         grid[x, y] = KERNEL[i, j]
 
 
-@njit(cache=True, nogil=True)
-def _search(grid: NDArray[np.float32], scan: Floats, window: float, turn: float, sigma: Floats) -> Floats:
-    """The best pose near the predicted one (the origin) on a lattice, by likelihood and prior."""
-    best = np.zeros(3)
+@inner
+def _search(
+    grid: NDArray[np.float32],
+    scan: Floats,
+    window: float,
+    turn: float,
+    sigma: Floats,
+    cells: NDArray[np.int64],
+    best: Floats,
+) -> None:
+    """Writes the best pose near the predicted one (the origin) on a lattice, by likelihood and prior.
+
+    The ``cells`` (N, 2) are room to work in.
+    """
     best_score = -1e18
     steps = int(math.ceil(window / SEARCH_STEP))
     turns = int(math.ceil(turn / ANGLE_STEP))
     n = len(scan)
-    cells = np.empty((n, 2), dtype=np.int64)
     for t in range(-turns, turns + 1):
         angle = t * ANGLE_STEP
         c, s = math.cos(angle), math.sin(angle)
@@ -74,12 +104,14 @@ def _search(grid: NDArray[np.float32], scan: Floats, window: float, turn: float,
                 if score > best_score:
                     best_score = score
                     best[0], best[1], best[2] = dx * SEARCH_STEP, dy * SEARCH_STEP, angle
-    return best
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _bucket(reference: Floats, head: NDArray[np.int32], link: NDArray[np.int32]) -> None:
-    head[:] = -1
+    """Chains the points in each cell: ``head`` has the last one's number, ``link`` that of the one before."""
+    for x in range(SIDE):
+        for y in range(SIDE):
+            head[x, y] = -1
     for k in range(len(reference)):
         cx = int(math.floor(reference[k, 0] / CELL)) + HALF
         cy = int(math.floor(reference[k, 1] / CELL)) + HALF
@@ -88,10 +120,11 @@ def _bucket(reference: Floats, head: NDArray[np.int32], link: NDArray[np.int32])
             head[cx, cy] = k
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _nearest(
     x: float, y: float, reach: float, reference: Floats, head: NDArray[np.int32], link: NDArray[np.int32]
 ) -> int:
+    """The number of the reference point nearest to (x, y) and nearer than ``reach``, or -1."""
     cells = int(math.ceil(reach / CELL))
     cx, cy = int(math.floor(x / CELL)) + HALF, int(math.floor(y / CELL)) + HALF
     best, best_distance = -1, reach * reach
@@ -107,23 +140,22 @@ def _nearest(
     return best
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _refine(
     reference: Floats,
     reference_normals: Floats,
     scan: Floats,
-    start: Floats,
     sigma: Floats,
     head: NDArray[np.int32],
     link: NDArray[np.int32],
-) -> tuple[Floats, float]:
-    """Gauss-Newton on point-to-line distances with a Cauchy loss; returns the pose and the inlier ratio."""
-    pose = start.copy()
+    pose: Floats,
+) -> float:
+    """Moves the pose by Gauss-Newton on point-to-line distances, Cauchy loss; returns the inlier ratio."""
     inliers = 0.0
     for iteration in range(ITERATIONS):
-        reach = max(0.4 * 0.75**iteration, 0.12)
-        h = np.zeros((3, 3))
-        g = np.zeros(3)
+        reach = REACHES[iteration]
+        h00, h01, h02, h11, h12, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        g0, g1, g2 = 0.0, 0.0, 0.0
         c, s = math.cos(pose[2]), math.sin(pose[2])
         inliers = 0.0
         for k in range(len(scan)):
@@ -139,46 +171,44 @@ def _refine(
             error = nx * (x - reference[m, 0]) + ny * (y - reference[m, 1])
             j2 = -nx * ry + ny * rx
             w = 1.0 / (1.0 + (error / (2 * POINT_SIGMA)) ** 2) / (POINT_SIGMA**2 * CORRELATION)
-            h[0, 0] += w * nx * nx
-            h[0, 1] += w * nx * ny
-            h[0, 2] += w * nx * j2
-            h[1, 1] += w * ny * ny
-            h[1, 2] += w * ny * j2
-            h[2, 2] += w * j2 * j2
-            g[0] += w * nx * error
-            g[1] += w * ny * error
-            g[2] += w * j2 * error
-        h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
-        for i in range(3):
-            p = 1.0 / (sigma[1] if i == 2 else sigma[0]) ** 2
-            h[i, i] += p
-            g[i] += p * pose[i]
-        step = _solved(h, g)
-        pose -= step
-        if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5 and reach <= 0.12:
+            h00 += w * nx * nx
+            h01 += w * nx * ny
+            h02 += w * nx * j2
+            h11 += w * ny * ny
+            h12 += w * ny * j2
+            h22 += w * j2 * j2
+            g0 += w * nx * error
+            g1 += w * ny * error
+            g2 += w * j2 * error
+        in_place, in_angle = 1.0 / sigma[0] ** 2, 1.0 / sigma[1] ** 2
+        g0, g1, g2 = g0 + in_place * pose[0], g1 + in_place * pose[1], g2 + in_angle * pose[2]
+        x, y, angle = _solved(h00 + in_place, h01, h02, h11 + in_place, h12, h22 + in_angle, g0, g1, g2)
+        pose[0] -= x
+        pose[1] -= y
+        pose[2] -= angle
+        if abs(x) + abs(y) < 1e-4 and abs(angle) < 1e-5 and reach <= 0.12:
             break
-    return pose, inliers / max(len(scan), 1)
+    return inliers / max(len(scan), 1)
 
 
-@njit(cache=True, nogil=True)
-def _solved(h: Floats, g: Floats) -> Floats:
-    """The solution (3,) of h x = g for a positive definite h (3, 3), by Cholesky's factors."""
-    a = np.sqrt(h[0, 0])
-    b, c = h[1, 0] / a, h[2, 0] / a
-    d = np.sqrt(h[1, 1] - b * b)
-    e = (h[2, 1] - b * c) / d
-    f = np.sqrt(h[2, 2] - c * c - e * e)
-    u = g[0] / a
-    v = (g[1] - b * u) / d
-    w = (g[2] - c * u - e * v) / f
-    x = np.empty(3)
-    x[2] = w / f
-    x[1] = (v - e * x[2]) / d
-    x[0] = (u - b * x[1] - c * x[2]) / a
-    return x
+@inner
+def _solved(
+    h00: float, h01: float, h02: float, h11: float, h12: float, h22: float, g0: float, g1: float, g2: float
+) -> tuple[float, float, float]:
+    """The solution of h x = g for a positive definite, symmetric h (3, 3), by Cholesky's factors."""
+    a = math.sqrt(h00)
+    b, c = h01 / a, h02 / a
+    d = math.sqrt(h11 - b * b)
+    e = (h12 - b * c) / d
+    f = math.sqrt(h22 - c * c - e * e)
+    u = g0 / a
+    v = (g1 - b * u) / d
+    w = (g2 - c * u - e * v) / f
+    x2 = w / f
+    x1 = (v - e * x2) / d
+    return (u - b * x1 - c * x2) / a, x1, x2
 
 
-@njit(cache=True, nogil=True)
 def register(
     reference: Floats,
     reference_normals: Floats,
@@ -199,30 +229,58 @@ def register(
     Returns:
         The pose (3,) of the scan in the predicted frame, and the share of points that found a partner.
     """
-    start = np.zeros(3)
+    cells, link = np.empty((len(scan), 2), dtype=np.int64), np.empty(len(reference), dtype=np.int32)
+    pose = np.zeros(3)
+    inliers = _register(
+        np.ascontiguousarray(reference), np.ascontiguousarray(reference_normals), np.ascontiguousarray(scan),
+        float(window), float(turn), sigma, _grids.likelihood, cells, _grids.head, link, pose,
+    )  # fmt: skip
+    return pose, inliers
+
+
+@kernel
+def _register(
+    reference: Floats,
+    reference_normals: Floats,
+    scan: Floats,
+    window: float,
+    turn: float,
+    sigma: Floats,
+    grid: NDArray[np.float32],
+    cells: NDArray[np.int64],
+    head: NDArray[np.int32],
+    link: NDArray[np.int32],
+    pose: Floats,
+) -> float:
+    """The inlier ratio of `register`; ``pose`` (3,) is 0 at first; the other new arrays are room to work in."""
     if window > 0:
-        grid = np.empty((SIDE, SIDE), dtype=np.float32)
         _likelihood(reference, grid)
-        start = _search(grid, scan, window, turn, sigma)
-    head = np.empty((SIDE, SIDE), dtype=np.int32)
-    link = np.empty(len(reference), dtype=np.int32)
+        _search(grid, scan, window, turn, sigma, cells, pose)
     _bucket(reference, head, link)
-    return _refine(reference, reference_normals, scan, start, sigma, head, link)
+    return _refine(reference, reference_normals, scan, sigma, head, link, pose)
 
 
-@njit(cache=True, nogil=True)
 def within(points: Floats, reference: Floats, reach: float) -> NDArray[np.bool_]:
     """(N,) which of the points (N, 2) have one of the reference (M, 2) nearer than ``reach`` metres."""
-    head = np.empty((SIDE, SIDE), dtype=np.int32)
-    link = np.empty(len(reference), dtype=np.int32)
-    _bucket(reference, head, link)
-    near = np.empty(len(points), dtype=np.bool_)
-    for k in range(len(points)):
-        near[k] = _nearest(points[k, 0], points[k, 1], reach, reference, head, link) >= 0
+    link, near = np.empty(len(reference), dtype=np.int32), np.empty(len(points), dtype=np.bool_)
+    _within(np.ascontiguousarray(points), np.ascontiguousarray(reference), reach, _grids.head, link, near)
     return near
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def _within(
+    points: Floats,
+    reference: Floats,
+    reach: float,
+    head: NDArray[np.int32],
+    link: NDArray[np.int32],
+    near: NDArray[np.bool_],
+) -> None:
+    _bucket(reference, head, link)
+    for k in range(len(points)):
+        near[k] = _nearest(points[k, 0], points[k, 1], reach, reference, head, link) >= 0
+
+
 def fit(
     reference: Floats, reference_normals: Floats, scan: Floats, pose: Floats, reach: float = 0.15
 ) -> tuple[Floats, float, float]:
@@ -233,11 +291,31 @@ def fit(
         frame, for a noise of 1 m; the weighted RMS distance in metres; and the share of points that have a
         partner within ``reach`` metres.
     """
-    head = np.empty((SIDE, SIDE), dtype=np.int32)
-    link = np.empty(len(reference), dtype=np.int32)
+    link, hessian = np.empty(len(reference), dtype=np.int32), np.zeros((3, 3))
+    squares, held, inliers = _fit(
+        np.ascontiguousarray(reference), np.ascontiguousarray(reference_normals), np.ascontiguousarray(scan),
+        pose, reach, _grids.head, link, np.empty(3), hessian,
+    )  # fmt: skip
+    return hessian, math.sqrt(squares / max(held, 1)), inliers / max(len(scan), 1)
+
+
+@kernel
+def _fit(
+    reference: Floats,
+    reference_normals: Floats,
+    scan: Floats,
+    pose: Floats,
+    reach: float,
+    head: NDArray[np.int32],
+    link: NDArray[np.int32],
+    slope: Floats,
+    hessian: Floats,
+) -> tuple[float, int, int]:
+    """The sum of the weighted squares, the number of points on lines and of those with a partner.
+
+    Adds to the Hessian. The ``slope`` (3,) is room to work in.
+    """
     _bucket(reference, head, link)
-    h = np.zeros((3, 3))
-    slope = np.empty(3)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     squares, held, inliers = 0.0, 0, 0
     for k in range(len(scan)):
@@ -258,5 +336,5 @@ def fit(
         slope[2] = slope[1] * scan[k, 0] - slope[0] * scan[k, 1]
         for i in range(3):
             for j in range(3):
-                h[i, j] += w * slope[i] * slope[j]
-    return h, math.sqrt(squares / max(held, 1)), inliers / max(len(scan), 1)
+                hessian[i, j] += w * slope[i] * slope[j]
+    return squares, held, inliers

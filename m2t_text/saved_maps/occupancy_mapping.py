@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.errors import M2TError
@@ -11,6 +10,7 @@ from m2t_text.logs.log import Log
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from m2t_text.saved_maps.rays import add_along
+from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import compose, transform
 from m2t_text.util.types import Floats, Ints
 
@@ -60,7 +60,7 @@ def draw_map(log: Log, poses: Floats, scans: Ints, resolution: float = 0.05, rea
     return Grid(states, resolution, np.array([*low, 0.0]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_scans(
     odds: NDArray[np.float32], stamps: NDArray[np.int32], lasers: Floats, hits: Floats, starts: Ints
 ) -> None:

@@ -7,7 +7,7 @@ from m2t_text.description.viewpoint import (
     dominant_direction,
     likely_directions,
     plan_viewpoint,
-    projection_entropy,
+    projection_entropies,
 )
 
 
@@ -24,9 +24,8 @@ def corridor(length: float = 8.0, width: float = 2.0) -> np.ndarray:
 def test_entropy_by_hand():
     # Four points: two places in x with two each, so ln 2; one place in y, so 0.
     points = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
-    assert projection_entropy(points, 0.0) == pytest.approx(np.log(2))
     # Seen at 90 degrees the axes change places.
-    assert projection_entropy(points, np.pi / 2) == pytest.approx(np.log(2))
+    assert projection_entropies(points, np.array([0.0, np.pi / 2])) == pytest.approx([np.log(2), np.log(2)])
 
 
 @pytest.mark.parametrize("degrees", [0, 7, 30, 44, 46, 60, 89])

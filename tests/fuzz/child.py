@@ -6,6 +6,7 @@ watched, and takes no part.
 
 import json
 import logging
+import re
 import resource
 import sys
 import tempfile
@@ -23,6 +24,7 @@ SECONDS = 5.0  # of the processor that one input may take
 MEMORY = 1 << 30  # bytes that it may take beside what the process has
 HANG = 60  # s; a machine with other work is slower
 WATCHED = ["m2t_text", "whoosh", "rosbags", "yaml", "PIL"]
+COMPILED = re.compile("njit|@kernel|@inner")
 TOLD = 100  # runs between two notes
 
 
@@ -40,7 +42,7 @@ class Statistics:
 def compiled() -> list[str]:
     """The modules with functions that numba compiles."""
     package = Path(m2t_text.__file__).parent
-    sources = [file for file in package.rglob("*.py") if "njit" in file.read_text()]
+    sources = [file for file in package.rglob("*.py") if COMPILED.search(file.read_text())]
     return [".".join(file.relative_to(package.parent).with_suffix("").parts) for file in sources]
 
 

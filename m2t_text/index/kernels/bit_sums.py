@@ -6,24 +6,24 @@ keeps most of the work in registers.
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from m2t_text.index.kernels.simd import at, every, put, some
+from m2t_text.util.compiling import inlined, inner
 
 U = np.uint64
 DIGITS = 24  # of a sum
 INNER = 9  # of them are held in registers while masks are added
 
 
-@numba.njit(inline="always")
+@inlined
 def _add(a: Any, b: Any, c: Any) -> Any:
     """The sum of three bits, and what they carry."""
     either = a ^ b
     return either ^ c, (a & b) | (either & c)
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def add_masks(masks: Any, count: Any, sums: Any, digit: Any) -> None:
     """Adds the first ``count`` masks, a multiple of eight, to ``sums``, each as often as the digit says.
 
@@ -68,7 +68,14 @@ def add_masks(masks: Any, count: Any, sums: Any, digit: Any) -> None:
     put(sums, d + U(8), p8)
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
+def clear(sums: Any) -> None:
+    """Makes all sums zero."""
+    for digit in range(DIGITS):
+        put(sums, U(digit), every(U(0)))
+
+
+@inner
 def largest(sums: Any, among: Any) -> Any:
     """The largest of the sums whose bits ``among`` has in any lane."""
     left, value = every(U(among)), 0
@@ -80,7 +87,7 @@ def largest(sums: Any, among: Any) -> Any:
     return value
 
 
-@numba.njit(inline="always")
+@inlined
 def at_least(sums: Any, number: Any) -> Any:
     """A mask of the sums that reach a number; it is not negative."""
     greater, equal = every(U(0)), every(~U(0))

@@ -6,9 +6,10 @@ says whether cell (x, y + j) is taken; so the eight bytes from there on tell of 
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from m2t_text.util.compiling import inner
 
 U = np.uint64
 BLANK = 16  # rows before and behind the place of nothing
@@ -44,15 +45,24 @@ class Grid(NamedTuple):
 
     def scratch(self) -> "Scratch":
         """Room for a map."""
-        return Scratch(*(np.zeros(blocks * self.block, np.uint64) for blocks in (KINDS, 1, 1)))
+        taken, near, windows = (np.zeros(blocks * self.block, np.uint64) for blocks in (KINDS, 1, 1))
+        return Scratch(taken, taken.view(np.uint8), near, windows, windows.view(np.uint8))
 
 
 class Scratch(NamedTuple):
-    """What is worked on for one map: cells taken of each kind, cells near them, and windows. Zero at first."""
+    """What is worked on for one map, zero at first; bytes are a view of the same memory.
+
+    Attributes:
+        taken, taken_bytes: cells taken, of each kind of keypoint.
+        near: cells near them.
+        windows, window_bytes: the windows of the map.
+    """
 
     taken: NDArray[np.uint64]
+    taken_bytes: NDArray[np.uint8]
     near: NDArray[np.uint64]
     windows: NDArray[np.uint64]
+    window_bytes: NDArray[np.uint8]
 
 
 KINDS = 4  # of keypoints: in the first column of their coarse cell or not, and in its first row or not
@@ -67,8 +77,15 @@ COARSE_WORDS, COARSE_SIDE, FINE_WORDS, FINE_SIDE = COARSE.words, COARSE.side, FI
 COARSE_BLOCK, COARSE_MIDDLE = COARSE.block, STEP * COARSE_SIDE // 2
 
 
-@numba.njit(cache=True, nogil=True)
-def _mark_coarse(x: Any, y: Any, size: Any, taken: Any, places: Any) -> Any:
+@inner
+def _clear(words: Any, begin: Any, end: Any) -> None:
+    """Makes the words begin...end zero."""
+    for k in range(begin, end):
+        words[k] = U(0)
+
+
+@inner
+def _mark_coarse(x: Any, y: Any, size: Any, cells: Any, places: Any) -> Any:
     """Takes the coarse cells of a map's keypoints, each kind in a block of its own; returns their lowest and
     highest row.
 
@@ -87,26 +104,25 @@ def _mark_coarse(x: Any, y: Any, size: Any, taken: Any, places: Any) -> Any:
         kind = np.uint32(i == column * STEP) + np.uint32(2) * np.uint32(j == row * STEP)
         place = np.uint32(kind * block + row * across + column)
         places[k] = place if inside else np.uint32(block - 1)
-    cells = taken.view(np.uint8)
     for k in range(U(size)):
         cells[places[k]] = 1
     return U(low), U(high)
 
 
-@numba.njit(cache=True, nogil=True)
-def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
-    """The windows of a map (as bytes) in which a group of the query's keypoints in cell g is looked up.
+@inner
+def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
+    """Makes the windows of a map in which a group of the query's keypoints in cell g is looked up.
 
     Cell g tells of keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
     keypoint in g may come to lie under the offsets of a step, and a cell more on each side. The ``places``
     (>= size,) uint32 are room to work in.
     """
-    taken, near, windows = scratch
+    taken, near, windows = scratch.taken, scratch.near, scratch.windows
     width, block = U(COARSE_WORDS), U(COARSE_BLOCK)
-    low, high = _mark_coarse(x, y, size, taken, places)
+    low, high = _mark_coarse(x, y, size, scratch.taken_bytes, places)
     if low > high:
-        windows[:] = U(0)
-        return windows.view(np.uint8)
+        _clear(windows, U(0), U(len(windows)))
+        return
     begin, end = width * (low - U(2)), width * (high + U(1))
     for k in range(begin, end + U(1)):
         in_x, in_y, in_both = taken[k + block], taken[k + U(2) * block], taken[k + U(3) * block]
@@ -116,24 +132,22 @@ def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> Any:
         one = taken[k] >> U(8) | next_word << U(56)
         two = taken[k] >> U(16) | next_word << U(48)
         near[k] = (taken[k] | one) & IN_X | two >> U(1) & IN_X
-    near[end : end + U(2) * width] = U(0)
+    _clear(near, end, end + U(2) * width)
     for k in range(begin, end):
         near[k] = (near[k] | near[k + width]) & ONES | near[k + U(2) * width] >> U(2) & ONES
     for kind in range(U(KINDS)):
-        taken[kind * block + begin : kind * block + end] = U(0)
+        _clear(taken, kind * block + begin, kind * block + end)
     _stack(near, windows, begin, end, width)
-    return windows.view(np.uint8)
 
 
-@numba.njit(cache=True, nogil=True)
-def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any) -> Any:
-    """The windows of a map (as bytes) in which a keypoint of the query is looked up.
+@inner
+def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any) -> None:
+    """Makes the windows of a map in which a keypoint of the query is looked up.
 
     A cell is taken if a keypoint lies in it or next to it.
     """
-    taken, near, windows = scratch
+    taken, near, windows, cells = scratch.taken, scratch.near, scratch.windows, scratch.taken_bytes
     width = U(FINE_WORDS)
-    cells = taken.view(np.uint8)
     side, last = U(FINE_SIDE), U(FINE_SIDE - 1)
     low, high = side, U(0)
     for k in range(U(size)):
@@ -142,16 +156,16 @@ def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any) -> Any:
             low, high = min(low, row), max(high, row)
             cells[row * side + column] = np.uint8(1)
     if low > high:
-        windows[:] = U(0)
-        return windows.view(np.uint8)
+        _clear(windows, U(0), U(len(windows)))
+        return
     begin, end = width * low, width * (high + U(1))
-    windows[begin - width : begin] = U(0)
-    windows[end : end + width] = U(0)
+    _clear(windows, begin - width, begin)
+    _clear(windows, end, end + width)
     for k in range(begin, end):
         here = taken[k]
         beside = taken[k + U(1)] << U(56) | taken[k - U(1)] >> U(56)
         windows[k] = here | here >> U(8) | here << U(8) | beside
-    taken[begin:end] = U(0)
+    _clear(taken, begin, end)
     begin, end = begin - width, end + width
     near[begin] = U(0)
     for k in range(begin, end):
@@ -161,17 +175,16 @@ def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any) -> Any:
     for k in range(begin, end - width):
         near[k] |= windows[k + width]
     _stack(near, windows, begin, end, width)
-    return windows.view(np.uint8)
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _stack(near: Any, windows: Any, begin: Any, end: Any, width: Any) -> None:
     """Windows on the cells (0 or 1) of ``near``, whose rows begin...end are not empty."""
     first = begin - min(begin, U(7) * width)
-    near[first:begin] = U(0)
-    near[end : end + U(7) * width] = U(0)
-    windows[:first] = U(0)
-    windows[end:] = U(0)
+    _clear(near, first, begin)
+    _clear(near, end, end + U(7) * width)
+    _clear(windows, U(0), first)
+    _clear(windows, end, U(len(windows)))
     for k in range(first, end):
         windows[k] = (
             near[k]

@@ -2,13 +2,13 @@
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.simd import LANES
 from m2t_text.index.kernels.views import Views
+from m2t_text.util.compiling import kernel
 
 U = np.uint64
 STEP = 3  # offsets, in x and in y, that a coarse step takes together: eight steps span 24
@@ -114,15 +114,23 @@ def _filled(rows: NDArray[np.int64], room: int, nothing: int) -> NDArray[np.int6
     return np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), nothing)])
 
 
-@numba.njit(cache=True, nogil=True)
-def _masks(x: Any, y: Any, half: Any, first: Any, step: Any) -> Any:
+def _masks(x: NDArray[np.int64], y: NDArray[np.int64], half: int, first: int, step: int) -> NDArray[np.uint64]:
     """(4 half² + 2, LANES) for each cell c: bit 8 i + j says whether a keypoint q is near it under steps i, j.
 
     That is, if c - q lies in [s - 1, s + step] with s = first + step i in x, and the same of j in y. Lanes are
     of up to four views (V, Q).
     """
     side, wide = 2 * half, 2 * (half + MARGIN)
-    near = np.zeros((wide, wide * LANES), np.uint8)
+    near, bits = np.zeros((wide, wide * LANES), np.uint8), np.zeros((wide, side * LANES), np.uint8)
+    masks = np.zeros((side * side + 2) * LANES, np.uint64)
+    _fill_masks(np.ascontiguousarray(x), np.ascontiguousarray(y), half, first, step, near, bits, masks)
+    return masks.reshape((side * side + 2, LANES))
+
+
+@kernel
+def _fill_masks(x: Any, y: Any, half: Any, first: Any, step: Any, near: Any, bits: Any, masks: Any) -> None:
+    """Fills the ``masks``; ``near`` and ``bits`` are room to work in. All three are 0 at first."""
+    side, wide = 2 * half, 2 * (half + MARGIN)
     middle = half + MARGIN
     for v in range(len(x)):
         for k in range(x.shape[1]):
@@ -130,17 +138,14 @@ def _masks(x: Any, y: Any, half: Any, first: Any, step: Any) -> Any:
                 for row in range(max(y[v, k] + middle - 1, 0), min(y[v, k] + middle + step + 1, wide)):
                     near[column, row * LANES + v] = 1
     across = U(side * LANES)
-    bits = np.zeros((wide, side * LANES), np.uint8)
     for column in range(U(wide)):
         for j in range(8):
             begin = U((MARGIN - first - step * j) * LANES)
             for k in range(across):
                 bits[column, k] |= near[column, begin + k] << U(j)
-    masks = np.zeros((side * side + 2) * LANES, np.uint64)
     for column in range(U(side)):
         begin = column * across
         for i in range(8):
             other = column + U(MARGIN - first - step * i)
             for k in range(across):
                 masks[begin + k] |= U(bits[other, k]) << U(8 * i)
-    return masks.reshape((side * side + 2, LANES))

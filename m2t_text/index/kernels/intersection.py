@@ -9,7 +9,6 @@ all four turns are tried in one pass over two of them.
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from m2t_text.description.text import WORDS, Text
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.simd import at, every, filled, least, ones, put, rotated
 from m2t_text.index.kernels.unpacking import cells_of, run_of, word_of
+from m2t_text.util.compiling import inlined, inner, kernel
 
 TURNS = 4
 BITS = 64  # keypoints of the query in one machine word
@@ -53,7 +53,7 @@ class IntersectionTables(NamedTuple):
         return cls(half, counts, places, near)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _fill(near: Any, places: Any, wx: Any, wy: Any, wa: Any, half: Any, window: Any) -> None:
     """Sets each keypoint's bit in the cells within the window of it; ``wa`` rises."""
     number = 0
@@ -69,7 +69,7 @@ def _fill(near: Any, places: Any, wx: Any, wy: Any, wa: Any, half: Any, window: 
             near[table + wy[k] + step, 3] |= bit
 
 
-@numba.njit(inline="always")
+@inlined
 def _sets(near: Any, table: Any, half: Any, x: Any, y: Any) -> Any:
     """The query's keypoints that one of a map matches, under each turn. The tables' cells beyond are empty.
 
@@ -80,7 +80,7 @@ def _sets(near: Any, table: Any, half: Any, x: Any, y: Any) -> Any:
     return at(near, table + i) & rotated(at(near, table + j))
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _matches(near: Any, table: Any, half: Any, x: Any, y: Any, begin: Any, end: Any, both: Any) -> None:
     """Writes min(|Q'_a|, |M'_a|) under each turn to ``both`` (1, 4) uint64.
 
@@ -93,12 +93,13 @@ def _matches(near: Any, table: Any, half: Any, x: Any, y: Any, begin: Any, end: 
     put(both, U(0), least(ones(union), met))
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _many_matches(
-    near: Any, table: Any, tables: Any, half: Any, x: Any, y: Any, begin: Any, end: Any, both: Any
+    near: Any, table: Any, tables: Any, half: Any, x: Any, y: Any, begin: Any, end: Any, hit: Any, both: Any
 ) -> None:
-    """The same of a word of several tables."""
-    hit = np.zeros((np.int64(end - begin), TURNS), np.uint64)
+    """The same of a word of several tables; ``hit`` (N, 4) uint64 is room to work in."""
+    for k in range(end - begin):
+        put(hit, k, every(U(0)))
     seen, met = every(U(0)), every(U(0))
     for t in range(tables):
         union = every(U(0))
@@ -107,12 +108,40 @@ def _many_matches(
             union = union | sets
             put(hit, k - begin, at(hit, k - begin) | sets)
         seen = seen + ones(union)
-    for k in range(U(len(hit))):
+    for k in range(end - begin):
         met = met + filled(at(hit, k))
     put(both, U(0), least(seen, met))
 
 
-@numba.njit(cache=True, nogil=True)
+class Room(NamedTuple):
+    """What an intersection is worked out in.
+
+    Attributes:
+        x, y: (N,) int32 cells of a map.
+        hit: (N, 4) uint64 sets of the query's keypoints that were met.
+        both: (1, 4) uint64 matches of one word under each turn.
+        sums, total: (4,) weighted and plain matches so far.
+        missing: (4,) what the sums lack so far to what no intersection exceeds.
+    """
+
+    x: Any
+    y: Any
+    hit: Any
+    both: Any
+    sums: Any
+    total: Any
+    missing: Any
+
+    @classmethod
+    def of(cls, texts: Texts, documents: Any) -> "Room":
+        """Enough for any of the documents."""
+        largest = texts.largest(documents)
+        x, y = np.empty((2, largest), np.int32)
+        hit = np.empty((largest, TURNS), np.uint64)
+        sums, total = np.zeros(TURNS), np.zeros(TURNS, np.int64)
+        return cls(x, y, hit, np.zeros((1, TURNS), np.uint64), sums, total, np.zeros(TURNS))
+
+
 def intersect(
     texts: Texts,
     documents: Any,
@@ -135,12 +164,15 @@ def intersect(
         needed: (K,) weighted sums of interest; 0 to measure all.
         count, score: (K, 4) results: the sums over the words of min(|Q'_a|, |M'_a|), plain and weighted.
     """
-    room = np.int64(0)
-    for document in documents:
-        room = max(room, texts.starts[document + 1] - texts.starts[document])
-    x, y = np.empty(room, np.int32), np.empty(room, np.int32)
-    both, sums, total = np.zeros((1, TURNS), np.uint64), np.zeros(TURNS), np.zeros(TURNS, np.int64)
-    missing = np.zeros(TURNS)  # what the sums lack so far to what no intersection exceeds
+    _intersect(texts, documents, tables, weights, turns, needed, Room.of(texts, documents), count, score)
+
+
+@kernel
+def _intersect(
+    texts: Any, documents: Any, tables: Any, weights: Any, turns: Any, needed: Any, room: Any, count: Any,
+    score: Any,
+) -> None:  # fmt: skip
+    x, y, hit, both, sums, total, missing = room
     runs, run_starts, near, half = texts.runs, texts.run_starts, tables.near, tables.half
     counts, places = tables.counts, tables.places
     for k in range(len(documents)):
@@ -160,7 +192,7 @@ def intersect(
                     _matches(near, places[word], half, x, y, keypoint, last, both)
                 else:
                     number = (found + BITS - 1) // BITS
-                    _many_matches(near, places[word], number, half, x, y, keypoint, last, both)
+                    _many_matches(near, places[word], number, half, x, y, keypoint, last, hit, both)
                 weight, possible = weights[word], min(found, np.int64(run))
                 for turn in range(TURNS):
                     matched = np.int64(both[0, turn])
@@ -168,14 +200,15 @@ def intersect(
                     sums[turn] += weight * matched
                     missing[turn] += weight * (possible - matched)
                 if most - min(missing[0], missing[1], missing[2], missing[3]) < needed[k]:
-                    sums[:], total[:] = 0.0, 0
+                    for turn in range(TURNS):
+                        sums[turn], total[turn] = 0.0, 0
                     break
             keypoint = last
         for turn in range(TURNS):
             count[k, turn], score[k, turn] = total[turn] * turns[turn], sums[turn] * turns[turn]
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _most(runs: Any, begin: Any, end: Any, counts: Any, weights: Any) -> Any:
     """What no filtered intersection exceeds; see `bounds`."""
     total = 0.0
@@ -185,7 +218,7 @@ def _most(runs: Any, begin: Any, end: Any, counts: Any, weights: Any) -> Any:
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def bounds(texts: Texts, documents: Any, counts: Any, weights: Any, score: Any) -> None:
     """Writes what the weighted intersection with documents (K,) cannot exceed to ``score``.
 
@@ -197,7 +230,7 @@ def bounds(texts: Texts, documents: Any, counts: Any, weights: Any, score: Any) 
         score[k] = _most(runs, U(run_starts[document]), U(run_starts[document + 1]), counts, weights)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def bags(texts: Texts, documents: Any, counts: Any, weights: Any, count: Any, score: Any) -> None:
     """Writes the plain histogram intersection, the sum of min(|Q_a|, |M_a|), of documents (K,) to ``count``.
 
@@ -214,7 +247,7 @@ def bags(texts: Texts, documents: Any, counts: Any, weights: Any, count: Any, sc
             score[k] += weights[word] * both
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def document_frequency(texts: Texts, live: Any, frequency: Any) -> None:
     """Adds the number of live documents with each word to ``frequency`` (1024,)."""
     runs, run_starts = texts.runs, texts.run_starts
@@ -225,7 +258,7 @@ def document_frequency(texts: Texts, live: Any, frequency: Any) -> None:
             frequency[word] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def document_weight(texts: Texts, weights: Any, total: Any) -> None:
     """Writes the sum of the weights of each document's keypoints to ``total`` (documents,)."""
     runs, run_starts = texts.runs, texts.run_starts

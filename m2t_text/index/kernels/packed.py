@@ -90,6 +90,10 @@ class Texts(NamedTuple):
         y[wide] += high[:, 1]
         return Tokens(np.repeat(np.arange(self.documents), self.counts), x, y, unpack_words(packed))
 
+    def largest(self, documents: Starts) -> int:
+        """The largest number of keypoints that one of some documents (K,) has."""
+        return int((self.starts[documents + 1] - self.starts[documents]).max(initial=0))
+
     def text(self, document: int) -> Text:
         """The text of one document; a DamageError unless its words ascend, and are as many as its cells."""
         begin, end = self.starts[document : document + 2].tolist()

@@ -3,21 +3,21 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from m2t_text.index.kernels.packed import RUN
+from m2t_text.util.compiling import inlined, inner
 
 U = np.uint64
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def run_of(runs: Any, place: Any) -> Any:
     """The word and the length of a run; all are unsigned."""
     run = U(runs[U(2) * place]) | U(runs[U(2) * place + U(1)]) << U(8)
     return run >> U(6), (run & U(63)) + U(1)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def word_of(runs: Any, place: Any, end: Any) -> Any:
     """A word, its number of keypoints, and the place behind it: runs of one word belong together."""
     word, count = run_of(runs, place)
@@ -33,7 +33,7 @@ def word_of(runs: Any, place: Any, end: Any) -> Any:
     return word, count, place
 
 
-@njit(cache=True, nogil=True)
+@inner
 def cells_of(texts: Any, document: Any, x: Any, y: Any) -> Any:
     """Writes a document's cells to the begin of ``x`` and ``y``, and returns their number."""
     low_x, low_y, high = texts.x, texts.y, texts.high  # once: each is counted when it is taken out
@@ -49,7 +49,7 @@ def cells_of(texts: Any, document: Any, x: Any, y: Any) -> Any:
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner
 def words_of(texts: Any, document: Any, count: Any, wa: Any) -> None:
     """Writes the words of a document's ``count`` keypoints to the begin of ``wa``, and no more."""
     k, size, runs = U(0), U(count), texts.runs

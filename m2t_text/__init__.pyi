@@ -7,10 +7,12 @@ from .errors import FetchError, LogError, M2TError, MapIndexError, QueryError, S
 from .index.map_index import MapIndex, open_index
 from .index.merging import indexes_in, merge
 from .index.results import DatasetSummary, Hit, IndexInfo
+from .live.odometry import OdometryBuffer
+from .live.survey import LiveSurvey
 from .logs import read_log
 from .logs.log import Log, LogOptions, Scan
 from .logs.simulator import Simulation, simulate, write_carmen
-from .pipeline import describe_at, describe_log
+from .pipeline import describe, describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
 from .recognition.finding import Finding, Found, find, verify_hits
 from .recognition.queries import Query
@@ -32,6 +34,7 @@ __all__ = [
     "Found",
     "Hit",
     "IndexInfo",
+    "LiveSurvey",
     "Log",
     "LogError",
     "LogOptions",
@@ -40,6 +43,7 @@ __all__ = [
     "MapIndex",
     "MapIndexError",
     "MapOfLogs",
+    "OdometryBuffer",
     "Parameters",
     "Query",
     "QueryError",
@@ -51,6 +55,7 @@ __all__ = [
     "Text",
     "TextError",
     "align",
+    "describe",
     "describe_at",
     "describe_log",
     "fetch",

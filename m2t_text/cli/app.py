@@ -12,6 +12,7 @@ from m2t_text.cli.commands.evaluate_map import evaluate_map
 from m2t_text.cli.commands.index import demo, index, simulate
 from m2t_text.cli.commands.info import info
 from m2t_text.cli.commands.inspect import inspect
+from m2t_text.cli.commands.live import live, replay
 from m2t_text.cli.commands.loops import loops
 from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove
 from m2t_text.cli.commands.map import map_command
@@ -33,6 +34,8 @@ COMMANDS = (
     inspect,
     info,
     loops,
+    live,
+    replay,
     serve,
     evaluate,
     evaluate_loops,

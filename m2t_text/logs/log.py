@@ -3,9 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from m2t_text.errors import LogError
+from m2t_text.errors import LogError, PartError
+from m2t_text.logs.beams import beams_in_a_turn
+from m2t_text.logs.readings import bearings, returned
 from m2t_text.util.types import Floats
 
 ARM = 20.0  # m; no laser sits farther from its robot, and a map would be as wide as the robot
@@ -32,6 +34,54 @@ class Scan:
     timestamp: float = 0.0
     line: int = 0
     drive: int = 0
+
+    @classmethod
+    def from_ranges(
+        cls,
+        ranges: ArrayLike,
+        angle_min: float,
+        angle_increment: float,
+        *,
+        range_min: float = 0.0,
+        range_max: float = 0.0,
+        odometry: ArrayLike = (0.0, 0.0, 0.0),
+        timestamp: float = 0.0,
+        drive: int = 0,
+        upside_down: bool = False,
+    ) -> "Scan":
+        """A scan as lasers send it, for one in ROS's `LaserScan`: what is no return becomes ``inf``.
+
+        Args:
+            ranges: (B,) metres; no returns are those not finite, below ``range_min``, or at ``range_max``.
+            angle_min, angle_increment: radians of the first beam, and from each to the next; may be negative.
+            range_min, range_max: metres; 0 where the laser says nothing.
+            odometry: (3,) of the robot when the scan was taken.
+            upside_down: whether the laser hangs so, which mirrors the beams.
+
+        Raises:
+            LogError: if it is no scan: fewer than two beams, or an impossible field of view.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> scan = m2t.Scan.from_ranges([1.0, float("nan"), 30.0], -0.5, 0.5, range_max=30.0)
+            >>> scan.ranges.tolist(), scan.angles.tolist()
+            ([1.0, inf, inf], [-0.5, 0.0, 0.5])
+        """
+        pose = np.asarray(odometry, dtype=float)
+        readings = returned(ranges, range_min, range_max)
+        if readings.ndim != 1 or pose.shape != (3,) or not np.isfinite([*pose, timestamp]).all():
+            raise LogError("a scan has a row of readings, a time, and a pose x, y, theta, all finite")
+        try:
+            count = beams_in_a_turn(angle_min, angle_increment, len(readings))
+        except PartError as error:
+            raise LogError(f"a scan {error}") from error
+        angles = bearings(angle_min, angle_increment, count)
+        readings = readings[:count]
+        if upside_down:
+            angles = -angles
+        if angles[0] > angles[-1]:
+            readings, angles = readings[::-1], angles[::-1]
+        return cls(readings, angles, pose, float(timestamp), 0, drive)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,13 @@ from numpy.typing import NDArray
 from m2t_text.errors import PartError
 from m2t_text.logs.beams import beams_in_a_turn
 from m2t_text.logs.clocks import Stream
-from m2t_text.logs.frames import LIMIT, Frames, planar, rigid
+from m2t_text.logs.frames import Frames, planar, rigid
 from m2t_text.logs.lines import Damage
 from m2t_text.logs.point_scans import cloud_points
+from m2t_text.logs.readings import bearings, returned
 from m2t_text.logs.ros import ECHOES, LASER, ODOMETRY, POINTS, TRANSFORMS, Message
 from m2t_text.util.types import Floats
 
-DECIMALS = 4  # of readings in metres and of angles in degrees; lasers tell no more
 Reduce = Callable[[Floats, str], tuple[Floats, Floats]]  # points and their frame to ranges and angles
 
 
@@ -93,11 +92,7 @@ class Recording:
             self.damage.add(
                 f"{message.topic} with more than a turn of beams, the rest is left out", message.number
             )
-        finite = np.nan_to_num(readings[:kept], nan=0.0, posinf=0.0, neginf=0.0)
-        # Stage, Gazebo and older drivers report their maximum for no return. A limit of 0 is none.
-        limit = body.range_max if 0 < body.range_max < LIMIT else LIMIT
-        hit = (finite > 0) & ~(finite < body.range_min) & (finite < limit)
-        return _exact(np.where(hit, finite, np.float32(np.inf))), _angles(start, step, kept)
+        return returned(readings[:kept], body.range_min, body.range_max), bearings(start, step, kept)
 
     def _add_odometry(self, message: Message) -> None:
         body = message.body
@@ -126,25 +121,6 @@ def _first_echoes(ranges: list[Any]) -> NDArray[np.float32]:
     """Of each beam the first echo; what comes after it shines through glass, rain or an edge."""
     first = [one.echoes[0] if len(one.echoes) else np.inf for one in ranges]
     return np.array(first, dtype=np.float32)
-
-
-def _exact(ranges: NDArray[np.float32]) -> Floats:
-    """The decimal numbers that were rounded to 32 bits; where there are none, the numbers themselves."""
-    wide = ranges.astype(np.float64)
-    short = np.round(wide, DECIMALS)
-    return np.where(short.astype(np.float32) == ranges, short, wide)
-
-
-@lru_cache(maxsize=8)
-def _angles(start: float, step: float, count: int) -> Floats:
-    """(count,) of the beams; shared by the scans, which are many."""
-    return _exact_angle(start) + _exact_angle(step) * np.arange(count, dtype=np.float64)
-
-
-def _exact_angle(angle: float) -> float:
-    """The decimal number of degrees that was rounded to 32 bits, if there is one; else the angle itself."""
-    short = math.radians(round(math.degrees(angle), DECIMALS))
-    return short if np.float32(short) == np.float32(angle) else angle
 
 
 def _rigid(translation: Any, rotation: Any) -> Floats:

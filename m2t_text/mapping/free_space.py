@@ -1,11 +1,12 @@
 """What the robot saw to be free: the cells that beams passed before they met something.
 
 A beam that did not return says nothing: black cloth may have swallowed it, or a mirror sent it away. Nor does
-one that is about as long as the longest of the log, as some lasers then report nearly their maximum. A beam
+one that is about as long as the longest so far, as some lasers then report nearly their maximum. A beam
 passes glass that others hit, and people walk through where other beams saw nothing: so cells near anything that
 was hit on the run are not free, whatever passed them; see `free_squares`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 
 from m2t_text.description.free_cells import FreeSpace, Mask, bounding_box
 from m2t_text.description.free_squares import CellGrid
-from m2t_text.logs.log import Log
+from m2t_text.logs.log import Log, Scan
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
 SHORT_OF_HIT = 0.25  # m before what a beam hit: its error, and that of the poses on one run
-NEAR_MAXIMUM = 0.98  # of the longest reading; longer ones may be a laser's way to say that nothing came back
+NEAR_MAXIMUM = 0.98  # of the longest reading so far; longer ones may mean that nothing came back
 GAP = 2.0  # cells between two beams that both pass, within which nothing is thought to hide
 
 
@@ -40,31 +41,40 @@ class Beams:
     laser: Floats
 
     @classmethod
-    def of(cls, log: Log, range_limit: float, longest: float | None = None) -> "Beams":
-        """Up to ``range_limit`` metres; ``longest`` is the longest reading of the log that this is part of."""
-        trusted = NEAR_MAXIMUM * (longest_reading(log) if longest is None else longest)
-        lengths = [_clear_lengths(scan.ranges, trusted, range_limit) for scan in log.scans]
-        starts = np.concatenate([[0], np.cumsum([len(part) for part in lengths])]).astype(np.int64)
+    def of(cls, log: Log, range_limit: float, longest: float = 0.0) -> "Beams":
+        """Up to ``range_limit`` metres; ``longest`` is the longest reading before the log, if it is a part.
+
+        What a scan saw depends on no later one, so that a robot that drives sees the same.
+        """
+        lengths = []
+        for scan in log.scans:
+            longest = max(longest, longest_reading(scan))
+            lengths.append(clear_lengths(scan.ranges, longest, range_limit))
+        return cls.joined([scan.angles for scan in log.scans], lengths, log.laser_pose)
+
+    @classmethod
+    def joined(cls, bearings: Sequence[Floats], lengths: Sequence[Floats], laser: Floats) -> "Beams":
+        """Of scans whose ``bearings`` and ``lengths`` (B,) are given."""
+        starts = np.cumsum([0, *(len(part) for part in lengths)]).astype(np.int64)
         none = np.empty(0)
-        bearings = np.concatenate([none, *(scan.angles for scan in log.scans)])
-        return cls(starts, bearings, np.concatenate([none, *lengths]), log.laser_pose)
+        return cls(starts, np.concatenate([none, *bearings]), np.concatenate([none, *lengths]), laser)
 
 
-def _clear_lengths(ranges: Floats, trusted: float, range_limit: float) -> Floats:
+def clear_lengths(ranges: Floats, longest: float, range_limit: float) -> Floats:
     """How far each beam (B,) of a scan is known to have passed nothing but free space, metres.
 
     That is no farther than what its neighbours hit, between which a wall may lie that is seen at a flat angle.
+    ``longest`` is the longest reading up to this scan.
     """
     hit = np.concatenate([[np.inf], np.where(ranges > 0, ranges, np.inf), [np.inf]])
     nearest = np.minimum(np.minimum(hit[:-2], hit[2:]), ranges)
-    return np.where(ranges < trusted, np.clip(nearest - SHORT_OF_HIT, 0.0, range_limit), 0.0)
+    trusted = ranges < NEAR_MAXIMUM * longest
+    return np.where(trusted, np.clip(nearest - SHORT_OF_HIT, 0.0, range_limit), 0.0)
 
 
-def longest_reading(log: Log) -> float:
-    """Of all beams of a log that returned, metres."""
-    return max(
-        (scan.ranges.max(initial=0.0, where=np.isfinite(scan.ranges)) for scan in log.scans), default=0.0
-    )
+def longest_reading(scan: Scan) -> float:
+    """Of the beams of a scan that returned, metres."""
+    return float(scan.ranges.max(initial=0.0, where=np.isfinite(scan.ranges)))
 
 
 class FreeScans:

@@ -77,22 +77,34 @@ class Survey:
     @cached_property
     def moved(self) -> NDArray[np.bool_]:
         """(S,) which scans moved since the last one that did; the others add nothing to a map."""
-        moved = np.zeros(len(self.trajectory), dtype=bool)
-        last = None
-        for i, pose in enumerate(self.trajectory):
-            if last is None or _apart(last, pose) >= STILL[0] or abs(wrap(pose[2] - last[2])) >= STILL[1]:
-                moved[i], last = True, pose
-        return moved
+        odometer = Odometer()
+        return np.array([odometer.add(pose)[1] for pose in self.trajectory], dtype=np.bool_)
+
+
+class Odometer:
+    """Counts metres of travel pose by pose. A robot that stands or turns on the spot does not travel."""
+
+    def __init__(self) -> None:
+        self._stood: Floats | None = None  # where it last travelled to
+        self._moved: Floats | None = None  # where it last moved to, be it by turning
+        self._gone = 0.0
+
+    def add(self, pose: Floats) -> tuple[float, bool]:
+        """Metres travelled up to the next pose (3,), and whether it moved since the last one that did."""
+        step = 0.0 if self._stood is None else _apart(self._stood, pose)
+        if self._stood is None or step >= STILL[0]:
+            self._stood, self._gone = pose, self._gone + step
+        last = self._moved
+        moved = last is None or _apart(last, pose) >= STILL[0] or abs(wrap(pose[2] - last[2])) >= STILL[1]
+        if moved:
+            self._moved = pose
+        return self._gone, bool(moved)
 
 
 def travelled(poses: Iterable[Floats]) -> Iterator[float]:
-    """Metres travelled up to each pose (3,). A robot that stands or turns on the spot does not travel."""
-    last, gone = None, 0.0
-    for pose in poses:
-        step = 0.0 if last is None else _apart(last, pose)
-        if last is None or step >= STILL[0]:
-            last, gone = pose, gone + step
-        yield gone
+    """Metres travelled up to each pose (3,)."""
+    odometer = Odometer()
+    return (odometer.add(pose)[0] for pose in poses)
 
 
 def _apart(a: Floats, b: Floats) -> float:

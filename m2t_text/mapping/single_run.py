@@ -31,7 +31,8 @@ def local_map_at(log: Log, scan: int, parameters: MappingParameters) -> LocalMap
     window = replace(log, scans=log.scans[begin:], ground_truth=None)
     trajectory = _until(window, scan - begin, parameters.run_length)
     window = replace(window, scans=window.scans[: len(trajectory)])
-    beams = Beams.of(window, parameters.range_limit, longest_reading(log))
+    longest = max((longest_reading(before) for before in log.scans[:begin]), default=0.0)
+    beams = Beams.of(window, parameters.range_limit, longest)
     survey = Survey(*hits(window, parameters.range_limit), trajectory, window.cuts, beams)
     (found,) = local_maps(survey, parameters, np.array([scan - begin]))
     return replace(

@@ -4,6 +4,7 @@ Every scan is registered against the few key scans before it. Only the recent pa
 stays small over the length of a local map and a robot could do the same while it drives.
 """
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from m2t_text.mapping.free_space import Beams
 from m2t_text.mapping.local_map import Survey
 from m2t_text.mapping.normals import normals
 from m2t_text.mapping.registration import register
-from m2t_text.util.geometry import between, compose, transform, travel, wrap
+from m2t_text.util.geometry import between, compose, transform, wrap
 from m2t_text.util.types import Floats, Progress
 
 MATCH_RANGE = 20.0  # m; farther hits hit the beam's divergence more than the wall
@@ -68,30 +69,57 @@ def scan_points(scan: Scan, laser_pose: Floats, range_limit: float) -> Floats:
 
 
 def refined_poses(log: Log) -> Iterator[Floats]:
-    """The robot's pose (3,) at each scan, in the frame of the first scan; matched as they are asked for.
+    """The robot's pose (3,) at each scan, in the frame of the first scan; matched as they are asked for."""
+    matcher = ScanMatcher(log.laser_pose)
+    for scan in log.scans:
+        yield matcher.add(scan)
+
+
+@dataclass(frozen=True)
+class KeyScan:
+    """A scan that later ones are matched against: its cloud, pose (3,), and metres of travel by odometry."""
+
+    cloud: ScanCloud
+    pose: Floats
+    way: float
+
+
+class ScanMatcher:
+    """Matches scan after scan, of a log or of a robot that drives, and keeps only what later ones need.
 
     A new drive begins where the one before ends, as nothing is known of the way there, and matches none of it.
     """
-    odometry = log.odometry
-    way = travel(odometry)
-    poses: list[Floats] = []
-    clouds: list[ScanCloud] = []
-    keys: list[int] = []
-    for i, scan in enumerate(log.scans):
-        cloud = scan_cloud(scan, log.laser_pose)
-        pose = poses[-1] if poses else np.zeros(3)
-        if i > 0 and scan.drive != log.scans[i - 1].drive:
-            keys.clear()
-        elif i > 0:
-            motion = between(odometry[i - 1], odometry[i])
-            predicted = compose(poses[-1], motion)
-            reference = [clouds[k].moved(between(predicted, poses[k])) for k in _recent(keys, way, i)]
-            pose = compose(predicted, _correction(reference, cloud, motion))
-        clouds.append(cloud)
-        poses.append(pose)
-        if not keys or _far(poses[keys[-1]], pose):
-            keys.append(i)
-        yield pose
+
+    def __init__(self, laser_pose: Floats) -> None:
+        self._laser_pose = laser_pose
+        self._keys: deque[KeyScan] = deque(maxlen=REFERENCE[2])
+        self._last: Scan | None = None
+        self._pose = np.zeros(3)
+        self._way = 0.0  # m of travel by odometry
+
+    def add(self, scan: Scan) -> Floats:
+        """The robot's pose (3,) at the next scan, in the frame of the first scan."""
+        cloud = scan_cloud(scan, self._laser_pose)
+        last, pose = self._last, self._pose
+        if last is not None:
+            self._way += float(np.hypot(*(scan.odometry - last.odometry)[:2]))
+            if scan.drive != last.drive:
+                self._keys.clear()
+            else:
+                motion = between(last.odometry, scan.odometry)
+                predicted = compose(pose, motion)
+                reference = [key.cloud.moved(between(predicted, key.pose)) for key in self._recent()]
+                pose = compose(predicted, _correction(reference, cloud, motion))
+        if not self._keys or _far(self._keys[-1].pose, pose):
+            self._keys.append(KeyScan(cloud, pose, self._way))
+        self._last, self._pose = scan, pose
+        return pose
+
+    def _recent(self) -> list[KeyScan]:
+        reach, least, _ = REFERENCE
+        keys = list(self._keys)
+        near = [key for key in keys if self._way - key.way <= reach]
+        return near if len(near) >= least else keys[-least:]
 
 
 def scan_cloud(scan: Scan, laser_pose: Floats) -> ScanCloud:
@@ -105,12 +133,6 @@ def _thinned(points: Floats) -> NDArray[np.int64]:
     """Indices of points that are at least THIN apart along the scan."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) if len(points) else points
     return np.unique(np.floor(along / THIN), return_index=True)[1]
-
-
-def _recent(keys: list[int], way: Floats, scan: int) -> list[int]:
-    reach, least, greatest = REFERENCE
-    near = [k for k in keys[-greatest:] if way[scan] - way[k] <= reach]
-    return near if len(near) >= least else keys[-least:]
 
 
 def _far(a: Floats, b: Floats) -> bool:

@@ -1,5 +1,7 @@
 """What beams passed: by hand for single beams, and against the true walls of a simulated building."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,20 +18,20 @@ LONGEST = 40.0  # m
 
 
 def log_of(*beams: list[tuple[float, float]], laser: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Log:
-    """One scan for each list of beams, which are (degrees, metres); a last scan has the longest reading."""
+    """One scan for each list of beams, which are (degrees, metres)."""
     scans = [
         Scan(
             np.array([metres for _, metres in part]), np.radians([degrees for degrees, _ in part]), np.zeros(3)
         )
-        for part in ([*beams, [(0.0, LONGEST)]])
+        for part in beams
     ]
     return Log("by-hand", tuple(scans), np.array(laser))
 
 
 def passed(log: Log, poses: list[list[float]], cell: float = 0.1, limit: float = 8.0) -> set[tuple[int, int]]:
-    """The cells that the beams of the first scans pass, in the frame of the poses."""
-    trajectory = np.array([*poses, [0.0, 0.0, 0.0]])
-    free = FreeScans(Beams.of(log, limit), trajectory, cell).together(np.arange(len(poses)))
+    """The cells that the beams of the scans pass, in the frame of the poses; an earlier reading was longer."""
+    trajectory = np.array(poses)
+    free = FreeScans(Beams.of(log, limit, LONGEST), trajectory, cell).together(np.arange(len(poses)))
     assert free.pose[2] == 0.0 and free.cell == cell
     middles = transform(compose(trajectory[0], free.pose), (np.argwhere(free.cells) + 0.5) * cell)
     return {(int(x), int(y)) for x, y in np.floor(middles / cell)}
@@ -56,7 +58,7 @@ def test_beams_that_say_nothing(reading):
     """Of those that did not return, and those that are as long as any; the shortest ones pass nothing."""
     assert passed(log_of([(0.0, reading)]), [[0.05, 0.05, 0.0]]) <= {(0, 0)}
     if reading not in (0.2, 0.0):
-        assert Beams.of(log_of([(0.0, reading)]), 8.0).lengths[0] == 0.0
+        assert Beams.of(log_of([(0.0, reading)]), 8.0, LONGEST).lengths[0] == 0.0
 
 
 def test_a_far_hit_leaves_all_free_up_to_the_range_limit():
@@ -113,8 +115,16 @@ def test_nothing_that_is_occupied_is_called_free(seed):
 
 
 def test_the_longest_reading_is_that_of_any_beam_that_returned():
-    assert longest_reading(log_of([(0.0, np.inf), (1.0, 3.0)])) == LONGEST
-    assert longest_reading(Log("none", (Scan(np.full(2, np.inf), np.zeros(2), np.zeros(3)),))) == 0.0
+    (scan,) = log_of([(0.0, np.inf), (1.0, 3.0)]).scans
+    assert longest_reading(scan) == 3.0
+    assert longest_reading(Scan(np.full(2, np.inf), np.zeros(2), np.zeros(3))) == 0.0
+
+
+def test_what_a_scan_saw_depends_on_no_later_one():
+    log = log_of([(0.0, 5.0), (2.0, 4.0)], [(0.0, 4.95), (2.0, 4.0)], [(0.0, 6.0), (2.0, 4.0)], [(0.0, 4.95)])
+    whole = Beams.of(log, 8.0)
+    assert whole.lengths.tolist() == [0.0, 3.75, 0.0, 3.75, 0.0, 3.75, 4.7]
+    assert np.array_equal(Beams.of(replace(log, scans=log.scans[:2]), 8.0).lengths, whole.lengths[:4])
 
 
 def test_the_paper_knows_nothing_of_free_space():

@@ -72,7 +72,7 @@ class LiveSurvey:
         >>> survey = m2t.LiveSurvey(m2t.PROFILES["default"], log.laser_pose)
         >>> poses = [survey.add(scan) for scan in log.scans]
         >>> document = m2t.describe(survey.last_run(5.0), "now", survey.parameters)
-        >>> document.last_scan < len(log.scans), document.travel[1] - document.travel[0] >= 5.0
+        >>> document.last_scan < len(log.scans), bool(document.travel[1] - document.travel[0] >= 5.0)
         (True, True)
     """
 

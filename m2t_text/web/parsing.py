@@ -1,42 +1,39 @@
 """What is uploaded, read in a process of its own, whose time and memory are bounded.
 
-It has nothing of the server but a pipe, into which it writes one JSON document a message. What it reads may be
-anything, and nothing else is opened for it.
+``python -m m2t_text.web.parsing`` gets one job as a line of JSON on its standard input, and writes one JSON
+document a line to its standard output. It has nothing else of the server, and ends when its standard input
+does. What it reads may be anything, and nothing else is opened for it.
 """
 
 import json
 import os
+import sys
 import tempfile
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from threading import Thread
 from time import monotonic
 from typing import Any
 
-import numpy as np
-
-from m2t_text.config import Parameters
+from m2t_text.config import PROFILES, Parameters, from_dict
 from m2t_text.description.document import Document
-from m2t_text.description.text import parse
 from m2t_text.errors import M2TError, MapFileError
-from m2t_text.logs.log import Log
-from m2t_text.mapping.free_space import Beams
-from m2t_text.mapping.local_map import Survey, local_maps, run_starts
-from m2t_text.mapping.trajectory import hits, refined_poses
-from m2t_text.pipeline import describe
+from m2t_text.logs.simulator import Simulation, simulate
 from m2t_text.saved_maps.header import read_header
 from m2t_text.sources.indexing import Request, index_sources
 from m2t_text.sources.opening import LogSource, SourceOptions, open_source
 from m2t_text.util.names import SAVED_MAPS
-from m2t_text.util.workers import follow_parent
+from m2t_text.util.types import StageProgress
+from m2t_text.web.drives import places_of, to_json
 
 MEMORY = 3 << 30  # bytes of address space beside what a process has when it begins
 SECONDS = 600  # of the processor
 WRITTEN = 1 << 30  # bytes of one file that it may write: unpacked bags, an index
-SPACING = 1.0  # m of travel from one place of a drive to the next
-PATIENCE = 0.4  # s from one look at how far a drive has come to the next
-NUMBERS = ("travel", "pose", "viewpoint", "centre_of_gravity")
+
+Send = Callable[[dict[str, Any]], None]
 
 
 @dataclass(frozen=True)
@@ -55,39 +52,66 @@ class Job:
     parameters: Parameters
     index: Path | None = None
 
+    def to_json(self) -> str:
+        index = str(self.index) if self.index else None
+        fields = {
+            "path": str(self.path),
+            "name": self.name,
+            "parameters": asdict(self.parameters),
+            "index": index,
+        }
+        return json.dumps(fields)
 
-class Sender:
-    """Writes messages into the pipe, and progress not more often than anybody looks."""
-
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
-        self._told = 0.0
-
-    def send(self, **message: Any) -> None:
-        self._pipe.send_bytes(json.dumps(message, allow_nan=False).encode())
-
-    def progress(self, stage: str, done: int, total: int) -> None:
-        if done >= total or monotonic() - self._told > 0.1:
-            self._told = monotonic()
-            self.send(progress=[stage, int(done), int(total)])
+    @classmethod
+    def from_json(cls, line: str) -> "Job":
+        fields = json.loads(line)
+        index = Path(fields["index"]) if fields["index"] else None
+        return cls(Path(fields["path"]), fields["name"], from_dict(fields["parameters"]), index)
 
 
-def work(job: Job, pipe: Connection) -> None:
+def main() -> None:
     """The whole life of the process."""
-    follow_parent()
+    _warm()
+    line = sys.stdin.readline()
+    if not line:
+        return
+    Thread(target=_end_with_server, daemon=True).start()
+    out = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever else is printed is no message
+
+    def send(message: dict[str, Any]) -> None:
+        out.write(json.dumps(message, allow_nan=False) + "\n")
+        out.flush()
+
+    with suppress(BrokenPipeError):  # nobody listens any more
+        work(Job.from_json(line), send)
+
+
+def _warm() -> None:
+    """Loads all compiled code that a drive needs, while there is nothing else to do."""
+    with suppress(M2TError):
+        drive = simulate(Simulation(length=24.0, travel=6.5, beams=24))
+        for _ in places_of(drive, PROFILES["default"]):
+            pass
+
+
+def _end_with_server() -> None:
+    sys.stdin.read()
+    os._exit(1)
+
+
+def work(job: Job, send: Send) -> None:
+    """Does a job, and sends what comes of it: progress, warnings, maps, and an error or the end."""
     _bound()
     os.chdir(job.path.parent)
     tempfile.tempdir = str(job.path.parent)
-    sender = Sender(pipe)
     try:
-        (_add if job.index else _describe)(job, sender)
-        sender.send(end=True)
+        (_add if job.index else _describe)(job, send)
+        send({"end": True})
     except M2TError as error:
-        sender.send(error=_without(str(error), job.path.parent))
+        send({"error": _without(str(error), job.path.parent)})
     except MemoryError:
-        sender.send(error=f"{job.path.name} takes more than {MEMORY >> 30} GB of memory to read")
-    except (BrokenPipeError, ConnectionError):
-        pass  # nobody listens any more
+        send({"error": f"{job.path.name} takes more than {MEMORY >> 30} GB of memory to read"})
 
 
 def _bound() -> None:
@@ -97,9 +121,10 @@ def _bound() -> None:
         return
     pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
     limit = pages * resource.getpagesize() + MEMORY
+    used = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
     for kind, most in (
         (resource.RLIMIT_AS, limit),
-        (resource.RLIMIT_CPU, SECONDS),
+        (resource.RLIMIT_CPU, used + SECONDS),
         (resource.RLIMIT_FSIZE, WRITTEN),
         (resource.RLIMIT_CORE, 0),
     ):
@@ -109,6 +134,19 @@ def _bound() -> None:
 def _without(message: str, folder: Path) -> str:
     """A message that names files as the one who uploaded them does."""
     return message.replace(f"{folder}/", "")
+
+
+def _progress(send: Send) -> StageProgress:
+    """Sends how far a stage has come, but not more often than anybody looks."""
+    told = 0.0
+
+    def progress(stage: str, done: int, total: int) -> None:
+        nonlocal told
+        if done >= total or monotonic() - told > 0.1:
+            told = monotonic()
+            send({"progress": [stage, int(done), int(total)]})
+
+    return progress
 
 
 def check_image(path: Path) -> Path:
@@ -122,81 +160,28 @@ def check_image(path: Path) -> Path:
     return beside
 
 
-def _describe(job: Job, sender: Sender) -> None:
+def _describe(job: Job, send: Send) -> None:
     if job.path.suffix.lower() in SAVED_MAPS:
         check_image(job.path)
-    source = open_source(
-        job.path, SourceOptions(job.name), lambda done, of: sender.progress("reading", done, of)
-    )
-    sender.send(warnings=list(source.warnings))
+    progress = _progress(send)
+    source = open_source(job.path, SourceOptions(job.name), partial(progress, "reading"))
+    send({"warnings": list(source.warnings)})
     if isinstance(source, LogSource):
-        documents: Iterable[Document] = places_of(source.log, job.parameters, sender)
+        documents: Iterable[Document] = places_of(source.log, job.parameters, partial(progress, "scans"))
     else:
-        documents = source.describe(job.parameters, 1, sender.progress).documents
+        documents = source.describe(job.parameters, 1, progress).documents
     for document in documents:
-        sender.send(map=to_json(document))
+        send({"map": to_json(document)})
 
 
-def _add(job: Job, sender: Sender) -> None:
+def _add(job: Job, send: Send) -> None:
     assert job.index is not None
-    options = SourceOptions(job.name)
-    report = index_sources(
-        Request([job.path], job.index, options=options),
-        lambda what, stage, done, of: sender.progress(stage, done, of),
-    )
+    request = Request([job.path], job.index, options=SourceOptions(job.name))
+    progress = _progress(send)
+    report = index_sources(request, lambda what, stage, done, of: progress(stage, done, of))
     for line in report.failed:
         raise M2TError(line)
 
 
-def places_of(log: Log, parameters: Parameters, sender: Sender | None = None) -> Iterator[Document]:
-    """The places of a drive, SPACING apart, each as soon as the scans of its map are matched.
-
-    They are those of `describe_survey`: what is known of a run does not change when the drive goes on.
-    """
-    mapping = parameters.mapping
-    points, starts = hits(log, mapping.range_limit)
-    beams = Beams.of(log, mapping.range_limit)
-    poses: list[Any] = []
-    last, looked, first = -1, monotonic(), True
-    for pose in refined_poses(log):
-        poses.append(pose)
-        done = len(poses)
-        if sender:
-            sender.progress("scans", done, len(log.scans))
-        if done < len(log.scans) and monotonic() - looked < PATIENCE:
-            continue
-        cuts = log.cuts[log.cuts < done]
-        survey = Survey(points, starts[: done + 1], np.array(poses), cuts, beams)
-        begun = run_starts(survey, mapping.run_length, SPACING)
-        for local_map in local_maps(survey, mapping, begun[begun > last]):
-            yield describe(local_map, log.name, parameters)
-            last, first = local_map.first_scan, False
-        looked = monotonic()
-    if first:
-        least = f"the {mapping.run_length:g} m of one map"
-        raise M2TError(f"{log.name}: the robot travels less than {least}; record a longer log")
-
-
-def to_json(document: Document) -> dict[str, Any]:
-    """A document as it goes through the pipe."""
-    return {
-        "dataset": document.dataset,
-        "first_scan": document.first_scan,
-        "last_scan": document.last_scan,
-        "points": document.points,
-        "text": str(document.text),
-        **{name: getattr(document, name).tolist() for name in NUMBERS},
-    }
-
-
-def from_message(message: dict[str, Any]) -> Document:
-    """The document that `to_json` wrote."""
-    arrays = {name: np.array(message[name], dtype=float) for name in NUMBERS}
-    return Document(
-        dataset=str(message["dataset"]),
-        first_scan=int(message["first_scan"]),
-        last_scan=int(message["last_scan"]),
-        points=int(message["points"]),
-        text=parse(message["text"]),
-        **arrays,
-    )
+if __name__ == "__main__":
+    main()

@@ -8,8 +8,8 @@ import numpy as np
 from m2t_text.description.document import Document
 from m2t_text.recognition.answer import Answer, SearchOptions, answer
 from m2t_text.recognition.queries import Query
+from m2t_text.web.drives import SPACING
 from m2t_text.web.naming import UPLOAD
-from m2t_text.web.parsing import SPACING
 from m2t_text.web.served import Committed
 from m2t_text.web.uploads import Upload
 

@@ -1,33 +1,29 @@
 """Files that were uploaded: each in a folder that goes with it, read in a process of its own."""
 
-import json
-import multiprocessing
 import secrets
 import shutil
 import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from functools import partial
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import M2TError, QueryError, SourceError
 from m2t_text.util.names import ENDINGS, SAVED_MAPS, dataset_name
+from m2t_text.web.drives import from_message
 from m2t_text.web.naming import UPLOAD
-from m2t_text.web.parsing import Job, check_image, from_message, work
+from m2t_text.web.parsing import Job, check_image
+from m2t_text.web.readers import Process, Readers, end, listen
 
 AT_ONCE = 2  # files that are received or read
 KEPT = 8  # uploads; the oldest goes when one more comes
 BYTES = 200 * 10**6  # of a file
-SECONDS = 900.0  # from the beginning of reading a file to its end
-MESSAGE = 64 << 20  # bytes of a message from a process that reads, at most
 IMAGES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg")
+
 
 WAITING, RECEIVING, READING, READY, FAILED = "waiting", "receiving", "reading", "ready", "failed"
 
@@ -61,7 +57,7 @@ class Upload:
     needs: str | None = None
     added: str | None = None
     changed: threading.Condition = field(default_factory=threading.Condition)
-    process: BaseProcess | None = None
+    process: Process | None = None
 
     @property
     def path(self) -> Path:
@@ -107,6 +103,9 @@ class Upload:
             }
 
 
+Take = Callable[[Upload, dict[str, Any]], None]
+
+
 class Uploads:
     """All uploads of a server. Close it, and nothing is left of them."""
 
@@ -114,17 +113,16 @@ class Uploads:
         self._folder = Path(tempfile.mkdtemp(prefix="m2t-text-uploads-"))
         self._uploads: dict[str, Upload] = {}
         self._lock = threading.Lock()
-        self._context = _context()
+        self._readers = Readers()
 
     def warm(self) -> None:
-        """Starts what later processes are forked from, so that the first of them starts as quickly."""
-        process = self._context.Process(target=_nothing, daemon=True)
-        process.start()
-        process.join(60.0)
+        """Has a process ready for the first upload."""
+        self._readers.warm()
 
     def close(self) -> None:
         for upload in list(self._uploads.values()):
             self.remove(upload.id)
+        self._readers.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def all(self) -> list[Upload]:
@@ -176,7 +174,7 @@ class Uploads:
 
     def _remove(self, upload: Upload) -> None:
         self._uploads.pop(upload.id, None)
-        _end(upload.process)
+        end(upload.process)
         upload.set(state=FAILED, error=upload.error or "it was removed")
         shutil.rmtree(upload.folder, ignore_errors=True)
 
@@ -204,33 +202,12 @@ class Uploads:
         job = Job(upload.path, upload.name, parameters, index.absolute())
         self._start(upload, job, self._note_added)
 
-    def _start(self, upload: Upload, job: Job, take: "Callable[[Upload, dict[str, Any]], None]") -> None:
-        ours, theirs = self._context.Pipe(duplex=False)
-        process = self._context.Process(target=work, args=(job, theirs), daemon=True)
-        upload.process = process
-        process.start()
-        theirs.close()
-        threading.Thread(target=self._listen, args=(upload, process, ours, take), daemon=True).start()
-
-    def _listen(
-        self,
-        upload: Upload,
-        process: BaseProcess,
-        pipe: Connection,
-        take: "Callable[[Upload, dict[str, Any]], None]",
-    ) -> None:
-        deadline, ended = monotonic() + SECONDS, False
-        with suppress(EOFError, OSError), pipe:
-            while not ended and pipe.poll(max(0.0, deadline - monotonic())):
-                message = json.loads(pipe.recv_bytes(MESSAGE))
-                ended = "end" in message or "error" in message
-                take(upload, message)
-        if not ended:
-            late = monotonic() >= deadline
-            reason = "it took too long" if late else "it took too much time or memory to read"
-            take(upload, {"error": f"{upload.file}: {reason}"})
-        process.join(5.0)
-        _end(process)
+    def _start(self, upload: Upload, job: Job, take: Take) -> None:
+        process = upload.process = self._readers.take()
+        assert process.stdin is not None
+        process.stdin.write(f"{job.to_json()}\n")
+        process.stdin.flush()
+        threading.Thread(target=listen, args=(process, partial(take, upload)), daemon=True).start()
 
     def _take(self, upload: Upload, message: dict[str, Any]) -> None:
         if "map" in message:
@@ -249,22 +226,3 @@ class Uploads:
             upload.set(progress=tuple(message["progress"]))
         else:
             upload.set(added=message.get("error", "added"))
-
-
-def _end(process: BaseProcess | None) -> None:
-    if process is not None and process.is_alive():
-        process.kill()
-        process.join(5.0)
-
-
-def _context() -> Any:
-    """How processes are started: forked from one that has loaded what reading takes, where the system can."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["m2t_text.web.parsing"])
-    return context
-
-
-def _nothing() -> None:
-    """What the first process does."""

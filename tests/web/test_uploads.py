@@ -21,8 +21,8 @@ from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe_survey
 from m2t_text.saved_maps.grid import Grid
 from m2t_text.saved_maps.writing import write_map
-from m2t_text.web import parsing, receiving
-from m2t_text.web.parsing import SPACING, from_message, places_of, to_json
+from m2t_text.web import drives, receiving
+from m2t_text.web.drives import SPACING, from_message, places_of, to_json
 
 FOUND = Path(__file__).parents[1] / "fuzz" / "found"
 ENDINGS = {"bag": ".bag", "carmen": ".log"}
@@ -71,7 +71,7 @@ def test_places_come_while_a_drive_is_read_and_are_those_of_the_whole(
     whole = survey(log, parameters.mapping)
     wanted = [to_json(one) for one in describe_survey(whole, log.name, parameters, spacing=SPACING)]
     for patience in (0.0, 0.05, 1e9):
-        monkeypatch.setattr(parsing, "PATIENCE", patience)
+        monkeypatch.setattr(drives, "PATIENCE", patience)
         assert [to_json(one) for one in places_of(log, parameters)] == wanted
     assert to_json(from_message(wanted[0])) == wanted[0]
 

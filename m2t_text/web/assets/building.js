@@ -1,7 +1,7 @@
 // The building: the walls of all datasets, each in its own frame, and every place; pan, zoom, point, click.
 // Walls and places are written into pixels one by one, which takes milliseconds for a hundred thousand of them.
 
-import { arrow, scaleBar, Surface } from "./canvas.js";
+import { scaleBar, Surface } from "./canvas.js";
 import { colour, pixel, whenThemed } from "./theme.js";
 import { coarser, layOut } from "./layout.js";
 import { drawMarks } from "./marks.js";
@@ -214,14 +214,24 @@ export class Building {
     }
     this.shades ||= this.mix();
     this.pixels.fill(this.shades.ground);
-    for (const frame of this.all()) if (!frame.hidden && frame.floor) this.paintCells(frame, frame.floor, this.shades.floor);
-    for (const frame of this.all()) if (!frame.hidden && frame.walls) this.paintCells(frame, frame.walls, this.shades.walls);
-    for (const frame of this.frames) if (!frame.hidden) this.paintPlaces(frame);
+    const seen = this.all().filter((frame) => this.isSeen(frame));
+    for (const frame of seen) if (frame.floor) this.paintCells(frame, frame.floor, this.shades.floor);
+    for (const frame of seen) if (frame.walls) this.paintCells(frame, frame.walls, this.shades.walls);
+    for (const frame of seen) if (!frame.guest) this.paintPlaces(frame);
     context.putImageData(this.image, 0, 0);
     drawMarks(this, context);
     if (this.places && this.places.maps) scaleBar(context, this.view.scale, 14, this.surface.height - 12, colour.soft);
+    if (this.places && !this.pictured) { this.pictured = true; performance.mark("first picture"); }
     this.frameTimes.push(performance.now() - begin);
     if (this.frameTimes.length > 600) this.frameTimes.shift();
+  }
+
+  // Whether any of a dataset lies within the picture.
+  isSeen(frame) {
+    if (frame.hidden || frame.x === undefined) return false;
+    const [left, bottom] = this.toScreen(frame.x + frame.box[0], frame.y + frame.box[1]);
+    const [right, top] = this.toScreen(frame.x + frame.box[2], frame.y + frame.box[3]);
+    return right > 0 && left < this.surface.width && bottom > 0 && top < this.surface.height;
   }
 
   mix() {
@@ -243,9 +253,7 @@ export class Building {
     for (let k = 0; k < x.length; k++) {
       const px = (left + x[k] * step) | 0, py = (top - y[k] * step) | 0;
       if (px < 0 || py < 0 || px + side > width || py + side > height) continue;
-      const shade = shades[seen[k] < SHADES ? seen[k] - 1 : SHADES - 1];
-      if (side === 1) pixels[py * width + px] = shade;
-      else for (let row = py; row < py + side; row++) pixels.fill(shade, row * width + px, row * width + px + side);
+      square(pixels, py * width + px, width, side, shades[seen[k] < SHADES ? seen[k] - 1 : SHADES - 1]);
     }
   }
 
@@ -262,9 +270,7 @@ export class Building {
         const px = (width / 2 + (wx[k] - this.view.x) * scale - side / 2) | 0;
         const py = (height / 2 - (wy[k] - this.view.y) * scale - side / 2) | 0;
         if (px < 0 || py < 0 || px + side > width || py + side > height) continue;
-        const ink = kind === 2 ? found : kind === 1 ? pale : place;
-        if (side === 1) pixels[py * width + px] = ink;
-        else for (let row = py; row < py + side; row++) pixels.fill(ink, row * width + px, row * width + px + side);
+        square(pixels, py * width + px, width, side, kind === 2 ? found : kind === 1 ? pale : place);
       }
     }
   }
@@ -361,4 +367,9 @@ export class Building {
   }
 }
 
-export { arrow };
+// Fills a square of pixels, whose first is number `at` of rows of so many.
+function square(pixels, at, width, side, shade) {
+  for (let row = 0; row < side; row++, at += width) {
+    for (let k = 0; k < side; k++) pixels[at + k] = shade;
+  }
+}

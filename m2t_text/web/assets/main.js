@@ -299,6 +299,7 @@ class Page {
     this.hits.set(answer, map, this.info.parameters.mapping.cell);
     this.markAnswer(answer, map, now.q);
     this.same(parameters, map);
+    requestAnimationFrame(() => requestAnimationFrame(() => performance.mark("hits drawn")));
     say(`${answer.verdict}: ${answer.results.length ? answer.results[0].map_id : "no hit"}`);
   }
 

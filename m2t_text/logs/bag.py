@@ -66,11 +66,16 @@ def read_bag(
     name = dataset_name(path) if name is None else checked_name(name)
     try:
         with open_bag(path) as bag:
-            chosen = choose(bag.topics, options)
-            recording, odometry, lasers = _record(bag, chosen, options, progress)
-        return _log(name, recording, odometry, lasers, bag.warnings)
+            return assembled(name, bag, options, progress)
     except PartError as error:
         raise LogError(clean(f"{shown(path)}: {error}{_parts(path)}")) from error
+
+
+def assembled(name: str, bag: Bag, options: LogOptions, progress: Progress | None) -> Log:
+    """The log that an open bag holds. Raises PartError with what is missing."""
+    chosen = choose(bag.topics, options)
+    recording, odometry, lasers = _record(bag, chosen, options, progress)
+    return _log(name, recording, odometry, lasers, bag.warnings)
 
 
 def _parts(path: Path) -> str:

@@ -47,13 +47,10 @@ def no_returns(ranges: Sequence[Floats], angles: Sequence[Floats]) -> list[tuple
 
 
 def without(ranges: Floats, found: Sequence[tuple[float, int]]) -> Floats:
-    """The readings (B,) with ``inf`` for those that are found to be no returns."""
-    if not found:
-        return ranges
-    least = max((value for value, _ in found if value < NEAR), default=0.0)
+    """The readings (B,) with ``inf`` for those that are found to be no returns, or too small to be any."""
+    least = max((value + TICK for value, _ in found if value < NEAR), default=LEAST)
     greatest = min((value for value, _ in found if value >= NEAR), default=np.inf)
-    kept = (ranges > least + TICK / 2 if least else ranges > 0) & (ranges < greatest - TICK / 2)
-    return np.where(kept, ranges, np.inf)
+    return np.where((ranges >= least - TICK / 2) & (ranges < greatest - TICK / 2), ranges, np.inf)
 
 
 def told(found: Sequence[tuple[float, int]], total: int) -> Iterator[str]:

@@ -218,7 +218,7 @@ def _part(path: Path) -> Iterator[Part]:
             reader: Any = stack.enter_context((rosbag1 if first else rosbag2).Reader(_BagPath(plain)))
             held = bool(reader.message_count)
             span = (reader.start_time / 1e9, reader.end_time / 1e9) if held else (math.inf, math.inf)
-        yield Part(reader, _decoder(first), *span)
+        yield Part(reader, decoder(first), *span)
 
 
 @contextmanager
@@ -234,7 +234,7 @@ def _sound(path: Path) -> Iterator[None]:
 
 
 @cache
-def _decoder(first: bool) -> Callable[[bytes, str], Any]:
+def decoder(first: bool) -> Callable[[bytes, str], Any]:
     """Decodes messages of ROS 1 or 2, given their type."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

@@ -138,10 +138,11 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
         travelled = stored.travel if context.run is None else stored.travel[0] + np.array([0.0, way])
         document = replace(document, travel=travelled, pose=stored.pose)
         return Query(document.text, document, log.warnings, cut=True)
-    if document.last_scan == len(log.scans) - 1 and way < needed:
+    if document.last_scan + 1 in (*log.cuts, len(log.scans)) and way < needed:
+        ends = "the log ends" if document.last_scan + 1 == len(log.scans) else "the drive is cut"
         raise QueryError(
-            f"{run[0]!r}: a map takes {needed:g} m of travel, and the log ends {way:.2f} m after scan #{scan}; "
-            "name an earlier one"
+            f"{run[0]!r}: a map takes {needed:g} m of travel, and {ends} {way:.2f} m after scan #{scan}; name "
+            "an earlier one"
         )
     return Query(document.text, document, log.warnings, cut=True)
 

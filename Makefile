@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test stress fuzz bench loops slam-bench lint docs clean
+.PHONY: help demo test web-test web-bench stress fuzz bench loops slam-bench lint docs clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -21,6 +21,18 @@ stress: $(VENV)/.installed-test  ## crashes, full disks, damage, strangers: four
 # side; findings are kept in indexes/fuzz.
 fuzz: $(VENV)/.installed-fuzz  ## damaged inputs for every reader
 	$(BIN)/python tests/fuzz/fuzz.py $(TARGETS)
+
+# Chromium and axe-core are installed where they can be; what cannot be tested without them is skipped, and said.
+web-test: $(VENV)/.installed-web  ## the page in a real browser, and uploads
+	@command -v chromium > /dev/null || (apt-get update && apt-get install -y --no-install-recommends chromium) \
+	  > /dev/null 2>&1 || echo "Chromium is not there and cannot be installed here: the page is not tested"
+	@test -d node_modules/axe-core || npm install --silent --no-save --no-package-lock axe-core@4 > /dev/null 2>&1 \
+	  || echo "axe-core is not there and cannot be installed here: accessibility is not tested"
+	$(BIN)/python -m pytest tests/web -m page -rs
+
+# WEB_BENCH=pictures,click picks parts; the logs of the Radish repository are needed.
+web-bench: $(VENV)/.installed-web  ## what the page must hold: first picture, frames, clicks, drops, many clients
+	$(BIN)/python tests/benchmarks/web.py
 
 # BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
 bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
@@ -52,6 +64,10 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	@touch $@
+
+$(VENV)/.installed-web: $(VENV)/.installed-test
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[web-test]'
 	@touch $@
 
 $(VENV)/.installed-fuzz: $(VENV)/.installed-test

@@ -65,9 +65,9 @@ class Client:
 
 
 @contextmanager
-def served(index: Path, write: bool = False, **more: Any) -> Iterator[Client]:
-    """A server of an index, on a port that is free."""
-    opened = open_server(Serving(index, port=0, write=write, **more))
+def served(index: Path, write: bool = False, port: int = 0, **more: Any) -> Iterator[Client]:
+    """A server of an index, on a port that is free if none is asked for."""
+    opened = open_server(Serving(index, port=port, write=write, **more))
     thread = threading.Thread(target=opened.run, daemon=True)
     thread.start()
     try:

@@ -17,13 +17,13 @@ from states import contents
 from m2t_text.config import PROFILES
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import read_log
-from m2t_text.mapping.trajectory import survey
-from m2t_text.pipeline import describe_survey
+from m2t_text.pipeline import describe_log
 from m2t_text.saved_maps.grid import Grid
 from m2t_text.saved_maps.writing import write_map
-from m2t_text.web import drives, receiving
+from m2t_text.web import receiving
 from m2t_text.web.drives import SPACING, from_message, places_of, to_json
 
+pytestmark = pytest.mark.page
 FOUND = Path(__file__).parents[1] / "fuzz" / "found"
 ENDINGS = {"bag": ".bag", "carmen": ".log"}
 IMAGES = {"bmp": "bmp", "jpeg": "jpg", "png": "png"}
@@ -64,16 +64,14 @@ def unchanged(index: Path) -> Iterator[None]:
     assert {file.name: file.read_bytes() for file in index.iterdir()} == before
 
 
-def test_places_come_while_a_drive_is_read_and_are_those_of_the_whole(
-    circuit: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_places_of_a_drive_are_maps_of_the_whole(circuit: Path) -> None:
     log, parameters = read_log(circuit), PROFILES["default"]
-    whole = survey(log, parameters.mapping)
-    wanted = [to_json(one) for one in describe_survey(whole, log.name, parameters, spacing=SPACING)]
-    for patience in (0.0, 0.05, 1e9):
-        monkeypatch.setattr(drives, "PATIENCE", patience)
-        assert [to_json(one) for one in places_of(log, parameters)] == wanted
-    assert to_json(from_message(wanted[0])) == wanted[0]
+    whole = {one.first_scan: to_json(one) for one in describe_log(log, parameters)}
+    places = list(places_of(log, parameters))
+    assert all(to_json(one) == whole[one.first_scan] for one in places)
+    begins = [one.travel[0] for one in places]
+    assert len(places) > 30 and np.diff(begins).min() >= SPACING
+    assert to_json(from_message(to_json(places[0]))) == to_json(places[0])
 
 
 def test_a_drive_is_looked_up_place_by_place(client: Client, simulated: Path) -> None:

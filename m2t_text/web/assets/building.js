@@ -221,7 +221,7 @@ export class Building {
     context.putImageData(this.image, 0, 0);
     drawMarks(this, context);
     if (this.places && this.places.maps) scaleBar(context, this.view.scale, 14, this.surface.height - 12, colour.soft);
-    if (this.places && !this.pictured) { this.pictured = true; performance.mark("first picture"); }
+    if (this.places && this.places.maps && !this.pictured) { this.pictured = true; performance.mark("first picture"); }
     this.frameTimes.push(performance.now() - begin);
     if (this.frameTimes.length > 600) this.frameTimes.shift();
   }

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from bags import Messages, Sent
 from calling import Call
 
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen
@@ -25,3 +26,14 @@ def test_they_reach_the_reader(call: Call, tmp_path: Path) -> None:
         assert (status, out) == (2, "") and "--laser-pose takes metres" in error
         status, out, error = call(command, path, "--height", "2", "1")
         assert (status, out) == (2, "") and "--height takes two heights" in error
+
+
+def test_loops_takes_one_of_several_scan_topics(call: Call, tmp_path: Path) -> None:
+    ros, drive = Messages(1), simulate(Simulation(travel=9.0, beams=60))
+    sent = [*ros.log(drive)]
+    sent += [Sent(one.time, "/scan_filtered", one.message) for one in sent if one.topic == "/scan"]
+    bag = ros.write(tmp_path / "filtered.bag", sent)
+    status, _, error = call("loops", bag)
+    assert status == 2 and "/scan, /scan_filtered; name one by --scan-topic" in error
+    status, out, _ = call("loops", bag, "--scan-topic", "/scan_filtered", "--odometry-topic", "/odom")
+    assert status == 0 and f"{len(drive.scans)} scans, 9" in out

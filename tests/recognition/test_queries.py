@@ -15,6 +15,7 @@ from m2t_text.description.text import Text
 from m2t_text.errors import LogError, M2TError, QueryError, TextError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import read_log
+from m2t_text.logs.simulator import Simulation, simulate, write_carmen
 from m2t_text.mapping.trajectory import scan_points
 from m2t_text.recognition.queries import Context, Query, resolve
 from m2t_text.sources.opening import SourceOptions
@@ -201,3 +202,17 @@ def test_a_text_alone_has_no_travel_to_exclude() -> None:
     assert query.excluding(None) is None
     with pytest.raises(QueryError, match="name the map by its id or by its log"):
         query.excluding(10.0)
+
+
+def test_a_run_that_the_drive_is_cut_in_is_refused(tmp_path: Path) -> None:
+    """Odometry that begins again after scan 29 leaves less than a map between there and scan 20."""
+    log = simulate(Simulation(travel=20.0, beams=20))
+    far = tuple(
+        replace(one, odometry=one.odometry + np.array([50.0 * (k > 29), 0, 0]))
+        for k, one in enumerate(log.scans)
+    )
+    path = tmp_path / "cut.log"
+    write_carmen(replace(log, scans=far, ground_truth=None), path)
+    with pytest.raises(QueryError, match=r"and the drive is cut \d\.\d\d m after scan #20; name an earl"):
+        resolve(f"{path}#20", Context(DEFAULT))
+    assert resolve(f"{path}#31", Context(DEFAULT)).document is not None

@@ -128,7 +128,7 @@ def run_starts(survey: Survey, run_length: float, spacing: float = 0.0) -> NDArr
 def _run_ends(survey: Survey, starts: NDArray[np.int64], run_length: float) -> NDArray[np.int64]:
     """The scans that complete the runs, or the last ones of their drives."""
     ends = np.searchsorted(survey.way, survey.way[starts] + run_length)
-    return np.maximum(starts, np.minimum(ends, survey.drive_ends[starts]))  # scans that stand share their travel
+    return np.maximum(starts, np.minimum(ends, survey.drive_ends[starts]))  # who stands does not travel
 
 
 def local_maps(

@@ -18,6 +18,7 @@ from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove
 from m2t_text.cli.commands.map import map_command
 from m2t_text.cli.commands.search import search
 from m2t_text.cli.commands.serve import serve
+from m2t_text.cli.commands.warm_up import warm_up
 
 app = typer.Typer(
     name="m2t-text",
@@ -44,6 +45,7 @@ COMMANDS = (
     merge,
     remove,
     optimize,
+    warm_up,
 )
 for command in COMMANDS:
     app.command()(command)

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.description.free_squares import LEAST, MOST, REACH, CellGrid, FreeSquares
+from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
@@ -52,7 +52,8 @@ def free_squares(free: FreeSpace, occupied: Cells, cell: float) -> FreeSquares:
         cell: metres, side of a cell of the squares; the grid of ``free`` may have another, and be turned.
     """
     grid = _resampled(free, cell)
-    grid = grid._replace(cells=_clear_of(grid.cells, occupied - [grid.x, grid.y], CLEARANCE / cell, RIM / cell))
+    walls = np.asarray(occupied - [grid.x, grid.y], dtype=np.int64)
+    grid = grid._replace(cells=_clear_of(grid.cells, walls, CLEARANCE / cell, RIM / cell))
     return covering(grid)
 
 
@@ -87,7 +88,7 @@ def _resampled(free: FreeSpace, cell: float) -> CellGrid:
     return CellGrid(*_upright(free.cells, free.pose, free.cell, cell))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _upright(cells: Mask, pose: Floats, own: float, cell: float) -> tuple[int, int, Mask]:
     """The fields of `_resampled`, from those of what is free."""
     left, low, right, high = bounding_box(cells)
@@ -111,7 +112,7 @@ def _upright(cells: Mask, pose: Floats, own: float, cell: float) -> tuple[int, i
     return x, y, found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bounding_box(cells: Mask) -> tuple[int, int, int, int]:
     """Least x and y of the marked cells, and those just beyond the greatest; all 0 where there are none."""
     left, low, right, high = cells.shape[0], cells.shape[1], 0, 0
@@ -130,7 +131,7 @@ def bounding_box(cells: Mask) -> tuple[int, int, int, int]:
     return (left, low, right, high) if right else (0, 0, 0, 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _within(begin: float, step: float, length: int, first: int, last: int) -> tuple[int, int]:
     """Of the steps from ``first`` to ``last``, those with which ``begin + j * step`` lies within 0...length."""
     least, most = (EDGE - begin, length - EDGE - begin) if step >= 0 else (begin - length + EDGE, begin - EDGE)
@@ -139,7 +140,7 @@ def _within(begin: float, step: float, length: int, first: int, last: int) -> tu
     return max(first, int(np.ceil(least / abs(step)))), min(last, int(np.floor(most / abs(step))) + 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _clear_of(passed: Mask, occupied: Cells, clearance: float, rim: float) -> Mask:
     """The cells that were passed, as were all beside them, but for those near the occupied ones (N, 2).
 
@@ -160,7 +161,7 @@ def _clear_of(passed: Mask, occupied: Cells, clearance: float, rim: float) -> Ma
     return clear
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mark(cells: Mask, middles: Cells, radius: float, mark: bool) -> None:
     """Marks all cells whose middles lie within a radius of some cells' (N, 2)."""
     reach = int(radius)
@@ -173,7 +174,7 @@ def _mark(cells: Mask, middles: Cells, radius: float, mark: bool) -> None:
                     cells[i, j] = mark
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _squares(cells: Mask) -> Squares:
     """The squares of `covering`.
 
@@ -197,7 +198,7 @@ def _squares(cells: Mask) -> Squares:
     return x[taken], y[taken], side[taken]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _greatest_squares(cells: Mask) -> Squares:
     """All squares of marked cells that no larger one holds, of the least side at least, by (x, y)."""
     width, height = cells.shape
@@ -224,7 +225,7 @@ def _greatest_squares(cells: Mask) -> Squares:
     return x[:k], y[:k], side[:k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _marked(cells: Mask, x: int, y: int, side: int) -> int:
     """How many cells of a square are marked."""
     count = 0

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.description.free_cells import FreeSpace, Mask, bounding_box
 from m2t_text.description.free_squares import CellGrid
 from m2t_text.logs.log import Log, Scan
+from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
@@ -115,7 +115,7 @@ class FreeScans:
         return self._passed[scan]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float) -> tuple[int, int, Mask]:
     """The cells that a scan's beams pass: x and y of the first, and a part of the plane that holds them all.
 
@@ -138,7 +138,7 @@ def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float) -> tu
     return low_x + left, low_y + low, cells[left:right, low:high].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _walk(cells: Mask, x: float, y: float, bearing: float, begin: float, end: float) -> None:
     """Marks the cells at every step of one cell along a beam."""
     c, s = np.cos(bearing), np.sin(bearing)
@@ -146,7 +146,7 @@ def _walk(cells: Mask, x: float, y: float, bearing: float, begin: float, end: fl
         cells[int(x + step * c), int(y + step * s)] = True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add(cells: Mask, part: Mask, x: int, y: int) -> None:
     """Marks the cells of a part that begins at the cell (x, y)."""
     for i in range(part.shape[0]):

@@ -7,10 +7,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, States
+from m2t_text.util.compiling import kernel
 from m2t_text.util.types import Floats
 
 
@@ -23,7 +23,7 @@ class Axis(NamedTuple):
     between: float
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _begin(place: float, direction: float) -> Axis:
     cell = int(math.floor(place))
     if direction > 0:
@@ -33,7 +33,7 @@ def _begin(place: float, direction: float) -> Axis:
     return Axis(cell, 0, math.inf, math.inf)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _next(x: Axis, y: Axis) -> tuple[Axis, Axis]:
     """The same in the next cell of the ray."""
     if x.border <= y.border:
@@ -41,7 +41,7 @@ def _next(x: Axis, y: Axis) -> tuple[Axis, Axis]:
     return x, Axis(y.cell + y.step, y.step, y.border + y.between, y.between)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cast(states: States, x: float, y: float, angle: float, reach: float, veil: float) -> float:
     """How far a ray goes until the middle of its way through an occupied cell; ``inf`` if it meets none.
 
@@ -78,7 +78,7 @@ class Beams(NamedTuple):
     veil: float
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def seen(
     states: States, allowed: NDArray[np.bool_], pose: Floats, beams: Beams, steps: int, step: float
 ) -> tuple[Floats, int]:
@@ -108,7 +108,7 @@ def seen(
     return found[:n], steps + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def passed_free(states: States, places: Floats, beams: Beams) -> tuple[NDArray[np.bool_], int, int]:
     """The free cells that the beams of scans pass before they meet something.
 
@@ -144,7 +144,7 @@ def passed_free(states: States, places: Floats, beams: Beams) -> tuple[NDArray[n
     return passed, left, low
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
     """(N, 2) columns and rows: of each square of ``side`` x ``side`` cells its place, if any cell is allowed.
 
@@ -167,7 +167,7 @@ def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
     return places[:n]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_along(
     sums: NDArray[np.float32], stamps: NDArray[np.int32], stamp: int, begin: Floats, end: Floats, value: float
 ) -> None:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from m2t_text.cli.compiling import compile_all_for
 from m2t_text.cli.console import bars, note, print_json, print_table
 from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
-from m2t_text.config import PROFILES
+from m2t_text.config import PROFILES, parameters_of
 from m2t_text.util.files import make_folder
 from m2t_text.util.workers import cores
 
@@ -61,6 +62,7 @@ def evaluate(
 
     if plot is not None:
         make_folder(plot)  # before the work, not after it
+    compile_all_for(parameters_of(profile))
     with bars() as progress:
         evaluation = run(Request(sources, profile, queries, seed, cores(jobs), reading), progress)
     for one in evaluation.datasets:

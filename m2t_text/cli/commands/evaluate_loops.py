@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_all_for
 from m2t_text.cli.console import bars, note, print_json, print_lines, print_table
 from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
+from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
 
 if TYPE_CHECKING:
@@ -63,6 +65,7 @@ def evaluate_loops(
         raise M2TError("--relations belong to one log, but there are several: name them one by one")
     known = None if relations is None else read_relations(relations)
     assessments = []
+    compile_all_for(PROFILES["default"])
     with bars() as progress:
         names = dataset_names(sources, "evaluated", reading.name)
         for source, name in zip(sources, names, strict=True):

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from m2t_text.cli.compiling import compile_all_for
 from m2t_text.cli.console import a_number, bars, note, print_json, print_table
 from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
+from m2t_text.config import PROFILES
 from m2t_text.util.files import make_folder
 from m2t_text.util.workers import cores
 
@@ -62,6 +64,7 @@ def evaluate_map(
     if maps is not None:
         make_folder(maps)
     request = Request(sources, run, queries, covered, seed=seed, jobs=cores(jobs), folder=maps, options=reading)
+    compile_all_for(PROFILES["default"])
     with bars() as progress:
         evaluated = evaluate(request, progress)
     if maps is not None:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_beside, compile_first
 from m2t_text.cli.console import a_number, bars, complain, note, print_held, print_lines, print_table
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, reads_logs
-from m2t_text.config import PROFILES
+from m2t_text.config import PROFILES, parameters_of
 from m2t_text.util.files import check_folder
 from m2t_text.util.workers import cores
 
@@ -37,7 +38,10 @@ def demo(
     m2t-text demo --seed 7 --folder another
     """
     from m2t_text.evaluation.demo import run_demo
+    from m2t_text.util.compiled import Group
 
+    compile_beside(Group.of_search(PROFILES["default"].matching.score))
+    compile_first([Group.DESCRIBING])
     with bars() as progress:
         report = run_demo(folder, seed, cores(jobs), progress)
     print_lines(*report.lines())
@@ -116,7 +120,11 @@ def index(
     """
     from m2t_text.index.map_index import MapIndex
     from m2t_text.sources.indexing import Request, index_sources
+    from m2t_text.util.compiled import Group
 
+    parameters = parameters_of(profile or "default")
+    compile_beside(Group.of_search(parameters.matching.score))
+    compile_first([Group.DESCRIBING])
     with bars() as progress:
         report = index_sources(Request(sources, index, profile, cores(jobs), reading), progress)
     for dataset in report.indexed:

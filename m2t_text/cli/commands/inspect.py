@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_for
 from m2t_text.cli.console import note, print_json
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
@@ -50,6 +51,7 @@ def inspect(
     check_plot(plot)
     opened = _if_any(index)
     parameters = opened.parameters if opened else PROFILES["default"]
+    compile_for(target)
     found = resolve(target, Context(parameters, opened, reading, run))
     warn(found)
     if plot is not None:

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_all_for
 from m2t_text.cli.console import bars, note, print_json, print_lines
 from m2t_text.cli.options import JobsOption, JsonOption, PlotOption, reads_logs
+from m2t_text.config import PROFILES
 from m2t_text.util.files import check_folder
 from m2t_text.util.workers import cores
 
@@ -66,6 +68,7 @@ def loops(
 
         check_picture(plot)
     opened = None if index is None else MapIndex.open(index)
+    compile_all_for(opened.parameters if opened else PROFILES["default"])
     with bars() as progress:
         shown = reading.name or dataset_name(source)
         log = open_log(source, reading, partial(progress, shown, "reading"))

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_all_for
 from m2t_text.cli.console import a_number, bars, note, print_json, print_lines
 from m2t_text.cli.options import JobsOption, JsonOption, reads_logs
+from m2t_text.config import PROFILES
 from m2t_text.errors import M2TError
 from m2t_text.util.files import make_folder
 
@@ -57,6 +59,7 @@ def map_command(
     if out.exists() and not out.is_dir():
         raise M2TError(f"--out {str(out)!r} is a file: name a folder")
     called = names[0] if len(names) == 1 else checked_name(out.resolve().name)
+    compile_all_for(PROFILES["default"])
     with bars() as progress:
         logs = [
             open_log(source, reading, partial(progress, dataset, "reading"))

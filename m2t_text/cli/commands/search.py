@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_for
 from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
@@ -67,7 +68,9 @@ def search(
 
     check_plot(plot)
     options = SearchOptions(top, exclude_travel, not no_verify, run)
-    answer = find(query, MapIndex.open(index), options, reading)
+    opened = MapIndex.open(index)
+    compile_for(query, opened.parameters, not no_verify)
+    answer = find(query, opened, options, reading)
     warn(answer.query)
     if plot is not None:
         _draw(answer, plot)

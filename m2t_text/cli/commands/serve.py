@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_beside
 from m2t_text.cli.console import print_lines
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption
 from m2t_text.errors import M2TError
@@ -53,6 +54,9 @@ def serve(
             raise
         raise M2TError("the page needs Starlette and uvicorn: pip install 'm2t-text[web]'") from error
 
+    from m2t_text.util.compiled import Group
+
+    compile_beside(Group)
     source = context.get_parameter_source("index")
     unnamed = source is not None and source.name == "DEFAULT"
     what = Serving(index, unnamed, host, port, name or (), write)

@@ -1,0 +1,78 @@
+"""Compiling before a command needs it, so that whoever waits is told, and as a command of its own."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from m2t_text.cli.console import bars, note
+from m2t_text.util.files import is_file
+
+if TYPE_CHECKING:
+    from m2t_text.config import Parameters
+    from m2t_text.util.compiled import Group
+
+ONCE = "compiling once for this machine"
+NEVER_KEPT = (
+    "compiling, for this command alone: no folder can be written in which to keep what is compiled; "
+    "NUMBA_CACHE_DIR names one"
+)
+
+
+def compile_first(groups: "Iterable[Group]") -> None:
+    """Compiles what a command needs unless it is compiled, with a bar on a terminal and a line elsewhere."""
+    from m2t_text.util.compiled import missing
+    from m2t_text.util.compiling import are_kept
+
+    chosen = missing(groups)
+    if chosen:
+        from m2t_text.warming import warm
+
+        if not are_kept():
+            note(NEVER_KEPT)
+        elif not sys.stderr.isatty():
+            note(ONCE)
+        with bars() as progress:
+            warm(chosen, partial(progress, "m2t-text", ONCE))
+
+
+def compile_for(query: str, parameters: "Parameters | None" = None, verify: bool = False) -> None:
+    """Compiles what it takes to describe a query, and with the ``parameters`` of an index to search for it."""
+    from m2t_text.util.compiled import Group
+
+    groups = [] if parameters is None else Group.of_search(parameters.matching.score)
+    if not verify and Group.VERIFICATION in groups:
+        groups.remove(Group.VERIFICATION)
+    if not query.endswith(".txt") and ("@" in query or "#" in query or is_file(Path(query))):
+        groups.insert(0, Group.DESCRIBING)
+    compile_first(groups)
+
+
+def compile_all_for(parameters: "Parameters") -> None:
+    """Compiles what it takes to describe maps, to search among them and to verify what is found."""
+    from m2t_text.util.compiled import Group
+
+    compile_first([Group.DESCRIBING, *Group.of_search(parameters.matching.score)])
+
+
+def compile_beside(groups: "Iterable[Group]") -> None:
+    """Starts a process that compiles what is missing of the groups and can be kept. It outlives this one."""
+    from m2t_text.util.compiled import missing
+    from m2t_text.util.compiling import PACKAGE, are_kept
+
+    chosen = missing(groups)
+    if chosen and are_kept():
+        path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+        quiet = subprocess.DEVNULL
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "m2t_text", "warm-up", "--beside", *chosen],
+            stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )  # fmt: skip
+        _started.append(process)
+
+
+_started: list[subprocess.Popen[bytes]] = []  # they go on when this process ends

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from m2t_text.errors import CloudError, PartError
+from m2t_text.logs.point_scans import BAND, FLAT
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.mapping.registration import CELL, HALF
 from m2t_text.util.types import Floats
@@ -12,9 +13,7 @@ from m2t_text.util.types import Floats
 LIMIT = 1e9  # m; beyond it a number is damage
 WIDEST = 1000.0  # m; a map is of one place, and hardly a building is wider
 COMPARED = 2 * HALF * CELL  # m; of two maps no more is compared about their viewpoints when they are verified
-FLAT = 0.2  # m; a cloud that is not higher has no heights to choose from
 FLOOR = 1.0  # % of the points that may lie below the floor, or above the ceiling
-BAND = (0.3, 1.5)  # m above the floor: walls and furniture, but neither floor nor ceiling
 FEWEST, MOST = 10, 200_000  # occupied cells of a map
 
 

@@ -9,35 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.errors import LogError, PartError, clean
-from m2t_text.logs.beams import upside_down
-from m2t_text.logs.clocks import Stream, Timed, settled
+from m2t_text.logs.clocks import Stream, settled
 from m2t_text.logs.frames import mounting, planar
-from m2t_text.logs.leaps import joined, stands
+from m2t_text.logs.leaps import stands
 from m2t_text.logs.log import ALONE, Log, LogOptions, Scan
 from m2t_text.logs.merging import merged
-from m2t_text.logs.odometry import Track, interpolate
-from m2t_text.logs.point_scans import scan_of
+from m2t_text.logs.placing import Laser, placed, scans_of
+from m2t_text.logs.point_scans import BAND, is_cut, scan_of
 from m2t_text.logs.recording import Recording, Sweep, stream_of
-from m2t_text.logs.returns import no_returns, told, without
 from m2t_text.logs.ros import POINTS, Bag, open_bag
 from m2t_text.logs.topics import Chosen, choose, listed
 from m2t_text.util.files import is_folder, shown
 from m2t_text.util.names import alike, bag_files, checked_name, dataset_name
 from m2t_text.util.types import Floats, Progress
 
-OUTSIDE = 0.1  # s before the first odometry or after the last at which a scan is taken to be at its pose
 TILT = math.radians(20.0)  # of a laser; from there on it does not see the walls level with the floor
 BY_HAND = "say where the laser sits on the robot by --laser-pose X Y DEGREES"
-
-
-@dataclass(frozen=True)
-class Laser:
-    """One laser: its sweeps, whether they are as seen from above, and its pose (4, 4) on the robot."""
-
-    topic: str
-    sweeps: list[Sweep]
-    level: bool
-    mount: Floats
 
 
 @dataclass(frozen=True)
@@ -75,7 +62,9 @@ def assembled(name: str, bag: Bag, options: LogOptions, progress: Progress | Non
     """The log that an open bag holds. Raises PartError with what is missing."""
     chosen = choose(bag.topics, options)
     recording, odometry, lasers = _record(bag, chosen, options, progress)
-    return _log(name, recording, odometry, lasers, bag.warnings)
+    cut = options.height is None and any(is_cut(sweep.angles) for laser in lasers for sweep in laser.sweeps)
+    band = f"clouds are cut to heights of {BAND[0]:g} to {BAND[1]:g} m above the ground; --height names others"
+    return _log(name, recording, odometry, lasers, (*bag.warnings, *([band] if cut else [])))
 
 
 def _parts(path: Path) -> str:
@@ -185,9 +174,9 @@ def _odometry(recording: Recording, chosen: Chosen, laser: str) -> Odometry:
     nothing = Stream(np.empty(0), np.empty(0))
     robot = _robot(recording, chosen, laser)
     if chosen.odometry is not None and recording.odometry:
-        told = sorted(recording.odometry.items(), key=lambda item: -len(item[1].poses))
-        motion = told[0][1]
-        for (parent, child), other in told[1:]:
+        motions = sorted(recording.odometry.items(), key=lambda item: -len(item[1].poses))
+        motion = motions[0][1]
+        for (parent, child), other in motions[1:]:
             what = f"{chosen.odometry} also tells how {child!r} moves in {parent!r}, {len(other.poses):,} times"
             recording.damage.add(f"{what}: not read", 1)
         return Odometry(robot, stream_of(motion), np.array(motion.poses))
@@ -204,16 +193,14 @@ def _log(
     streams = [stream_of(laser.sweeps) for laser in lasers]
     timed, odd = settled([*streams, *([odometry.stream] if len(odometry.poses) else [])])
     wheels = timed[-1] if len(odometry.poses) else None
-    placed = [
-        _placed(laser, times, wheels, odometry.poses) for laser, times in zip(lasers, timed, strict=False)
-    ]
+    places = [placed(times, wheels, odometry.poses) for times in timed[: len(lasers)]]
     recurring: list[str] = []
     scans = []
-    for laser, (kept, poses, drives) in zip(lasers, placed, strict=True):
-        ours, warned = _scans(laser, timed[lasers.index(laser)].times, kept, poses, drives)
+    for laser, (kept, poses, drives) in zip(lasers, places, strict=True):
+        ours, warned = scans_of(laser, timed[lasers.index(laser)].times, kept, poses, drives)
         scans.append(ours)
         recurring += warned
-    for number in set(range(len(main.sweeps))) - set(placed[0][0].tolist()):
+    for number in set(range(len(main.sweeps))) - set(places[0][0].tolist()):
         damage.add("scan before the first odometry or after the last", main.sweeps[number].number)
     found = scans[0]
     if len(found) < 2:
@@ -243,53 +230,3 @@ def _log(
 def _numbers(scans: Sequence[Scan], cuts: NDArray[np.int64]) -> str:
     first = f"message {scans[cuts[0]].line}"
     return first if len(cuts) == 1 else f"{len(cuts)} times, first at {first}"
-
-
-def _placed(
-    laser: Laser, scans: Timed, wheels: Timed | None, poses: Floats
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """The sweeps (K,) whose poses are told, in the order of time; their poses (K, 3) and drives (K,)."""
-    order = np.lexsort((scans.times, scans.epochs))
-    if wheels is None:
-        return order, np.zeros((len(order), 3)), scans.epochs[order]
-    kept: list[NDArray[np.int64]] = []
-    found: list[Floats] = []
-    drives: list[NDArray[np.int64]] = []
-    for epoch in np.unique(scans.epochs):
-        ours = order[scans.epochs[order] == epoch]
-        theirs = np.flatnonzero(wheels.epochs == epoch)
-        if not len(theirs):
-            continue
-        times, first = np.unique(wheels.times[theirs], return_index=True)
-        ours = ours[(scans.times[ours] >= times[0] - OUTSIDE) & (scans.times[ours] <= times[-1] + OUTSIDE)]
-        if not len(ours):
-            continue
-        at = scans.times[ours]
-        track = Track(times, times, poses[theirs][first])
-        placed, driven, _ = interpolate(Track(at, at, np.empty((0, 3))), track)
-        kept.append(ours)
-        found.append(placed)
-        drives.append(driven + (drives[-1].max() + 1 if drives else 0))
-    if not kept:
-        return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty(0, dtype=np.int64)
-    numbers = np.concatenate(drives)
-    whole = np.concatenate(found)
-    return np.concatenate(kept), joined(whole, numbers) if len(found) > 1 else whole, numbers
-
-
-def _scans(
-    laser: Laser, times: Floats, kept: NDArray[np.int64], poses: Floats, drives: NDArray[np.int64]
-) -> tuple[list[Scan], list[str]]:
-    """The scans of a laser, beams counter-clockwise as seen from above, and a warning for odd readings."""
-    sweeps = [laser.sweeps[k] for k in kept]
-    recurring = no_returns([one.ranges for one in sweeps], [one.angles for one in sweeps])
-    scans = []
-    for sweep, time, pose, drive in zip(sweeps, times[kept], poses, drives, strict=True):
-        ranges, angles = without(sweep.ranges, recurring), sweep.angles
-        if not laser.level and laser.mount[2, 2] < 0:
-            ranges, angles = upside_down(ranges, angles)
-        if angles[0] > angles[-1]:
-            ranges, angles = ranges[::-1], angles[::-1]
-        scans.append(Scan(ranges, angles, pose, float(time), sweep.number, int(drive)))
-    total = sum(one.ranges.size for one in sweeps)
-    return scans, list(told(recurring, total))

@@ -11,6 +11,7 @@ from m2t_text.util.types import Floats
 BAND = (0.3, 1.5)  # m above the ground: walls and furniture, but neither floor nor ceiling
 FLAT = 0.2  # m; points that differ by less in height are of a 2D laser
 BEAMS = 720  # of a scan that is cut from a cloud; each tells of the nearest point
+MIDDLES: Floats = np.linspace(-np.pi, np.pi, 2 * BEAMS + 1)[1::2]  # rad; of the beams
 NEAREST = 0.05  # m; nearer points are beams that did not return, which many drivers put at the origin
 FARTHEST = 1000.0  # m
 KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
@@ -75,7 +76,12 @@ def scan_of(points: Floats, mount: Floats, height: tuple[float, float] | None) -
     beams = np.floor((angles + np.pi) / (2 * np.pi) * BEAMS).astype(np.int64) % BEAMS
     nearest: Floats = np.full(BEAMS, np.inf)
     np.minimum.at(nearest, beams, ranges)
-    return nearest, np.linspace(-np.pi, np.pi, 2 * BEAMS + 1)[1::2]
+    return nearest, MIDDLES
+
+
+def is_cut(angles: Floats) -> bool:
+    """Whether a scan with these angles was cut from the cloud of a 3D laser."""
+    return len(angles) == BEAMS and angles[0] == MIDDLES[0]
 
 
 def above_ground(points: Floats) -> Floats:

@@ -365,6 +365,8 @@ def test_of_clouds_of_a_3d_laser_the_ground_is_left_out(tmp_path: Path, slope: f
         points = transform(scan.odometry, scan_points(scan, log.laser_pose, 20.0))
         off = np.abs(np.abs(points).max(axis=1) - 7.0)
         assert len(points) > 150 and np.percentile(off, 95) < 0.08 and np.hypot(*points.T).min() > 6.0
+    (told,) = log.warnings
+    assert told == "clouds are cut to heights of 0.3 to 1.5 m above the ground; --height names others"
     low = read(tmp_path / "b", sent, LogOptions(height=(-0.4, -0.2)))  # the road, in the robot's frame
     assert np.nanmin(low.scans[0].ranges) < 2.5 or slope
     with pytest.raises(LogError, match="without two points in the band of heights; --height names another"):

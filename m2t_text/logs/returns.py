@@ -6,6 +6,7 @@ recurs: it is the greatest reading (or the least) of many scans, and wide fans o
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,17 @@ NEAR = 0.5  # m; a least reading that recurs in fans is looked for up to here
 CODES = 4  # numbers that mean no return; some lasers have several
 
 
-def no_returns(ranges: Sequence[Floats], angles: Sequence[Floats]) -> list[tuple[float, int]]:
-    """The readings of one laser that recur as walls do not: (metres, how often), the greatest first.
+@dataclass(frozen=True)
+class Recurring:
+    """A reading that means no return: metres, how often it is told, and whether walls are seen beyond it."""
+
+    value: float
+    count: int
+    seen_beyond: bool
+
+
+def no_returns(ranges: Sequence[Floats], angles: Sequence[Floats]) -> list[Recurring]:
+    """The readings of one laser that recur as walls do not, the greatest first.
 
     ``ranges`` and ``angles`` hold (B,) of each scan; what is known to be no return is ``inf``.
     """
@@ -38,7 +48,9 @@ def no_returns(ranges: Sequence[Floats], angles: Sequence[Floats]) -> list[tuple
             tick = _recurring(counts, ranges, angles, least)
             if tick is None:
                 break
-            found.append((tick * TICK, int(counts[tick])))
+            beyond = counts[:tick] if least else counts[tick + 1 :]
+            seen = bool(beyond.sum() > BEYOND * counts[tick])
+            found.append(Recurring(tick * TICK, int(counts[tick]), seen))
             if least:
                 counts[: tick + 1] = 0
             else:
@@ -46,18 +58,25 @@ def no_returns(ranges: Sequence[Floats], angles: Sequence[Floats]) -> list[tuple
     return found
 
 
-def without(ranges: Floats, found: Sequence[tuple[float, int]]) -> Floats:
+def without(ranges: Floats, found: Sequence[Recurring]) -> Floats:
     """The readings (B,) with ``inf`` for those that are found to be no returns, or too small to be any."""
-    least = max((value + TICK for value, _ in found if value < NEAR), default=LEAST)
-    greatest = min((value for value, _ in found if value >= NEAR), default=np.inf)
-    return np.where((ranges >= least - TICK / 2) & (ranges < greatest - TICK / 2), ranges, np.inf)
+    least = max((one.value + TICK for one in found if one.value < NEAR), default=LEAST)
+    limits = [one.value for one in found if one.value >= NEAR and not one.seen_beyond]
+    kept = (ranges >= least - TICK / 2) & (ranges < min(limits, default=np.inf) - TICK / 2)
+    for one in found:
+        if one.seen_beyond:
+            kept &= np.abs(ranges - one.value) >= TICK / 2
+    return np.where(kept, ranges, np.inf)
 
 
-def told(found: Sequence[tuple[float, int]], total: int) -> Iterator[str]:
+def told(found: Sequence[Recurring], total: int) -> Iterator[str]:
     """A warning for each of the readings that are found to be no returns, of so many in all."""
-    for value, count in found:
-        which = "smallest" if value < NEAR else "largest"
-        yield (f"readings of {value:g} m, the {which}, recur {count:,} times in {total:,}: taken as no return")
+    for one in found:
+        which = (
+            "next to the largest" if one.seen_beyond else "the smallest" if one.value < NEAR else "the largest"
+        )
+        times = f"recur {one.count:,} times in {total:,}"
+        yield f"readings of {one.value:g} m, {which}, {times}: taken as no return"
 
 
 def _ticks(ranges: Floats) -> NDArray[np.int64]:
@@ -84,7 +103,8 @@ def _recurring(
     tick = int(frequent[0] if least else frequent[-1])
     beyond = counts[:tick] if least else counts[tick + 1 :]
     if beyond.sum() > BEYOND * counts[tick]:
-        return None
+        sure = not least and beyond.sum() < counts[tick] and _outstanding(counts, tick)
+        return tick if sure and _fanned(tick, ranges, angles) else None
     if not least and (tick * TICK >= CLIPPED or _outstanding(counts, tick)):
         return tick
     return tick if _fanned(tick, ranges, angles) else None

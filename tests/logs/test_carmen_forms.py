@@ -81,6 +81,19 @@ def test_a_maximum_that_stands_for_no_return_is_found_whatever_the_laser(
     assert len(log.warnings) == 1 and f"readings of {maximum:g} m, the largest, recur" in log.warnings[0]
 
 
+def test_a_number_for_no_return_may_lie_below_the_farthest_walls(drive: Log, tmp_path: Path) -> None:
+    lines = [
+        flaser(np.where(scan.ranges < 4.5, scan.ranges, 4.0), scan.odometry, scan.timestamp)
+        for scan in drive.scans
+    ]
+    log = read_log(written(tmp_path, lines))
+    assert "readings of 4 m, next to the largest, recur" in log.warnings[0]
+    for scan, true in zip(log.scans, drive.scans, strict=True):
+        clear = np.abs(true.ranges - 4.5) > 1e-3
+        wanted = (true.ranges >= 4.5) | (np.abs(true.ranges - 4.0) < 5e-4)
+        assert (np.isinf(scan.ranges) == wanted)[clear].all()
+
+
 def test_a_room_that_ends_all_readings_is_no_maximum(drive: Log, tmp_path: Path) -> None:
     """Neither a robot that stands for long before a wall, with or without noise."""
     noise = np.random.default_rng(1).normal(0.0, 0.01, (400, BEAMS))

@@ -15,6 +15,7 @@ import m2t_text
 
 STUB = ast.parse(Path(m2t_text.__file__).with_suffix(".pyi").read_text())
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
+README = PAGE.parents[1] / "README.md"
 EXAMPLES = [
     test
     for name in ["", *m2t_text.__all__]
@@ -47,6 +48,19 @@ def test_the_examples_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testfile(str(PAGE), module_relative=False)
     assert tried == 3 and not failed and (tmp_path / "indexes" / "default").is_dir()
+
+
+def test_the_examples_of_the_readme(
+    simulated_index: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are plain Whoosh."""
+    shutil.copytree(simulated_index, tmp_path / "indexes" / "default")
+    monkeypatch.chdir(tmp_path)
+    (shown,) = re.findall(r"```pycon\n(.*?)```", README.read_text(), re.DOTALL)
+    test = doctest.DocTestParser().get_doctest(shown, {}, README.name, str(README), 0)
+    report: list[str] = []
+    failed, tried = doctest.DocTestRunner().run(test, out=report.append)
+    assert tried == 6 and not failed, "".join(report)
 
 
 def test_the_page_describes_all_names() -> None:

@@ -1,33 +1,29 @@
 """How a segment is stored: in columns, as Whoosh does it, but without all that it keeps in pickles.
 
-Every map has one term in each indexed field, and that is the value of the field's column. So the postings
-follow from the columns, and are not stored; nor are the stored fields, which are columns, too.
+The terms of a map are its id, its dataset and the tokens of its text, which are columns, too. So the postings
+follow from the columns, and are not stored; nor are stored fields, lengths and vectors.
 """
 
 import secrets
-from bisect import bisect_left
-from collections.abc import Iterator
+from collections import Counter
 from contextlib import closing
-from itertools import groupby
+from functools import cached_property
 from pathlib import Path
 from shutil import copyfileobj
 from typing import Any
 
 import numpy as np
-from whoosh.codec.base import FieldWriter, TermsReader
+from numpy.typing import NDArray
+from whoosh.codec.base import FieldWriter
 from whoosh.codec.whoosh3 import W3Codec, W3PerDocReader, W3PerDocWriter, W3Segment
-from whoosh.matching import ListMatcher
-from whoosh.reading import TermInfo, TermNotFound
 
 from m2t_text.description.document import map_id_of
 from m2t_text.errors import DamageError
+from m2t_text.index.kernels.packed import MOST
 from m2t_text.index.schema import schema_columns
 from m2t_text.index.storage.directory import MapStorage, fingerprint
 from m2t_text.index.storage.segment_file import Part, SegmentFile
-
-Term = tuple[str, bytes]
-
-NAMES = ("dataset", "map_id")  # the fields with terms, in the order of terms
+from m2t_text.index.terms import NAMES, TEXT, MapTerms, TermMatcher, rounded
 
 
 class MapSegment(W3Segment):
@@ -66,6 +62,8 @@ class MapSegment(W3Segment):
         with closing(self.create_file(storage, self.COMPOUND_EXT)) as joined:
             for column in schema_columns():
                 name = MapCodec.column_filename(self, column)
+                if not storage.file_exists(name):  # no map was written
+                    continue
                 self.parts[column] = (joined.tell(), storage.file_length(name))
                 with storage.open_plain(name) as file:
                     copyfileobj(file, joined)
@@ -125,7 +123,13 @@ class MapDocWriter(W3PerDocWriter):
         self._fieldlengths: dict[str, int] = {}
 
     def add_field(self, fieldname: str, fieldobj: Any, value: Any, length: int) -> None:
-        """Stored fields are columns, and no field has a length."""
+        """Stored fields and lengths follow from the columns."""
+
+    def add_vector_items(self, fieldname: str, fieldobj: Any, items: Any) -> None:
+        """So do vectors."""
+
+    def add_vector_matcher(self, fieldname: str, fieldobj: Any, vmatcher: Any) -> None:
+        """So do vectors."""
 
     def add_column_value(self, fieldname: str, column: Any, value: Any) -> None:
         super().add_column_value(fieldname, column, value)
@@ -156,7 +160,40 @@ class MapDocReader(W3PerDocReader):
         return self.stored("record").array["first_scan"]
 
     def stored_fields(self, docnum: int) -> dict[str, Any]:
+        """Of a map; its text is a column alone, as it is long: ``hit["text"]`` reads it."""
         return {field: self.name(field, docnum) for field in NAMES}
+
+    def lengths(self, fieldname: str) -> NDArray[np.int64]:
+        """(D,) number of tokens of each map; no other field has a length."""
+        return self._text_lengths if fieldname == TEXT else np.zeros_like(self._text_lengths)
+
+    @cached_property
+    def _text_lengths(self) -> NDArray[np.int64]:
+        column = self.stored(TEXT)
+        counts: NDArray[np.int64] = column.texts.counts + column.squares.counts
+        return counts
+
+    def doc_field_length(self, docnum: int, fieldname: str, default: int = 0) -> int:
+        length = int(self.lengths(fieldname)[docnum])
+        return rounded(length) if length else default
+
+    def field_length(self, fieldname: str) -> int:
+        return int(self.lengths(fieldname).sum())
+
+    def min_field_length(self, fieldname: str) -> int:
+        return rounded(int(self.lengths(fieldname).min(initial=MOST)))
+
+    def max_field_length(self, fieldname: str) -> int:
+        return rounded(int(self.lengths(fieldname).max(initial=0)))
+
+    def has_vector(self, docnum: int, fieldname: str) -> bool:
+        return fieldname == TEXT
+
+    def vector(self, docnum: int, fieldname: str, format_: Any) -> TermMatcher:
+        """The tokens of one map, and how often it has each."""
+        counts = Counter(str(self.stored(TEXT)[docnum]).split())
+        tokens = sorted(counts)
+        return TermMatcher(tokens, [counts[token] for token in tokens], format_)
 
 
 class NoTerms(FieldWriter):
@@ -169,70 +206,3 @@ class NoTerms(FieldWriter):
 
     def close(self) -> None:
         self.is_closed = True
-
-
-class MapTerms(TermsReader):
-    """The terms of the indexed fields of a segment, and the documents that have them."""
-
-    def __init__(self, columns: MapDocReader) -> None:
-        self._columns = columns
-        self._terms: dict[str, list[bytes]] = {}
-
-    def __contains__(self, term: Term) -> bool:
-        return len(self._documents(*term)) > 0
-
-    def indexed_field_names(self) -> tuple[str, ...]:
-        return NAMES
-
-    def terms(self) -> Iterator[Term]:
-        for field in NAMES:
-            yield from self.terms_from(field, b"")
-
-    def terms_from(self, fieldname: str, prefix: bytes) -> Iterator[Term]:
-        terms = self._sorted(fieldname)
-        for text, _ in groupby(terms[bisect_left(terms, prefix) :]):
-            yield fieldname, text
-
-    def items(self) -> Iterator[tuple[Term, TermInfo]]:
-        return ((term, self.term_info(*term)) for term in self.terms())
-
-    def items_from(self, fieldname: str, prefix: bytes) -> Iterator[tuple[Term, TermInfo]]:
-        return ((term, self.term_info(*term)) for term in self.terms_from(fieldname, prefix))
-
-    def term_info(self, fieldname: str, text: bytes) -> TermInfo:
-        found = self._documents(fieldname, text)
-        if not found:
-            raise TermNotFound(f"no term {fieldname}:{text!r}")
-        return TermInfo(len(found), len(found), 0, 0, 1.0, found[0], found[-1])
-
-    def frequency(self, fieldname: str, text: bytes) -> float:
-        return float(self.doc_frequency(fieldname, text))
-
-    def doc_frequency(self, fieldname: str, text: bytes) -> int:
-        return len(self._documents(fieldname, text))
-
-    def matcher(self, fieldname: str, text: bytes, format_: Any, scorer: Any = None) -> ListMatcher:
-        info, found = self.term_info(fieldname, text), self._documents(fieldname, text)
-        return ListMatcher(found, format=format_, scorer=scorer, term=(fieldname, text), terminfo=info)
-
-    def _documents(self, fieldname: str, text: bytes) -> list[int]:
-        """The documents with this name, ascending. A map's id is a dataset's name and a scan's number."""
-        names = self._columns.stored("dataset")
-        name = text.decode(errors="replace")
-        if fieldname == "dataset":
-            return np.flatnonzero(names.codes == names.code(name)).tolist()
-        dataset, _, number = name.rpartition("/")
-        if fieldname != "map_id" or not number.isdecimal() or map_id_of(dataset, int(number[:20])) != name:
-            return []
-        scans = self._columns.first_scans()
-        return np.flatnonzero((scans == int(number)) & (names.codes == names.code(dataset))).tolist()
-
-    def _sorted(self, fieldname: str) -> list[bytes]:
-        """The names of all documents."""
-        if fieldname not in self._terms:
-            every = range(self._columns.doc_count_all())
-            self._terms[fieldname] = sorted(self._columns.name(fieldname, number).encode() for number in every)
-        return self._terms[fieldname]
-
-    def close(self) -> None:
-        self._columns.close()

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from whoosh.qparser import QueryParser
-from whoosh.qparser.common import QueryParserError
-from whoosh.query import NullQuery, Query
+from whoosh.query import Query
 
 from m2t_text.config import PROFILES, Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
+from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
 from m2t_text.index.snapshot import State
 from m2t_text.index.writing.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
@@ -26,8 +25,6 @@ if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching n
     from m2t_text.index.search.weighting import MapWeighting, Method, Scores
 
 LOCK_SECONDS = 60.0  # to wait for another writer
-SHOWN = 80  # characters of a broken query
-DEEPEST = 12  # operators within operators: each ANDNOT, ANDMAYBE or REQUIRE doubles the time that Whoosh takes
 
 
 class MapIndex:
@@ -187,8 +184,10 @@ class MapIndex:
             for number in numbers:
                 yield state.numbered(number)
 
-    def matching(self, query: Query | str) -> NDArray[np.bool_]:
+    def matching(self, query: Query | str, near: bool = False) -> NDArray[np.bool_]:
         """(M,) which maps match a query of Whoosh, or in its query language, in the order of `overview`.
+
+        With ``near`` a token of the string finds the maps that have it or a neighbour within the window.
 
         Raises:
             QueryError: if it is not in the query language.
@@ -199,7 +198,7 @@ class MapIndex:
             >>> int(index.matching("first_scan:[40 TO 49]").sum())
             10
         """
-        parsed = self.parse(query) if isinstance(query, str) else query
+        parsed = self.parse(query, near) if isinstance(query, str) else query
         with self._reading() as state:
             found = np.concatenate([np.zeros(0, dtype=np.bool_), *state.matching(parsed)])
             matches: NDArray[np.bool_] = found[state.overview.numbers]
@@ -305,31 +304,10 @@ class MapIndex:
         """A Whoosh searcher of the latest state, for queries of any kind; to be closed by the caller."""
         return self.whoosh.searcher(weighting=self.model(method))
 
-    def parse(self, string: str) -> Query:
-        """The Whoosh query of a string; a bare token is looked up in the maps' texts.
-
-        Raises:
-            QueryError: saying what is wrong with it.
-        """
-        shown = string if len(string) <= SHOWN else string[: SHOWN - 3] + "..."
+    def parse(self, string: str, near: bool = False) -> Query:
+        """The Whoosh query of a string; see `parse_query`. Raises QueryError, saying what is wrong with it."""
         with self._reading() as state:  # Whoosh's index would read its table of contents for it
-            parser = QueryParser("text", state.searcher.schema)
-        try:
-            string.encode()  # Whoosh looks names up as UTF-8
-            deep = _depth(parser.process(string)) > DEEPEST
-            query = NullQuery if deep else parser.parse(string)
-        except (QueryParserError, UnicodeEncodeError) as error:
-            raise QueryError(f"{shown!r} is not a query: {error}") from error
-        except (AssertionError, IndexError) as error:  # in Whoosh, of operators as NOT NOT or ANDNOT ANDNOT
-            raise QueryError(f"{shown!r} is not a query: an operator has nothing to work on") from error
-        except RecursionError:
-            deep, query = True, NullQuery
-        if deep:
-            raise QueryError(f"{shown!r} nests operators too deeply; {DEEPEST} levels at most")
-        broken = [leaf.error for leaf in query.leaves() if leaf.error is not None]
-        if broken or query is NullQuery:
-            raise QueryError(f"{shown!r} is not a query: {broken[0] if broken else 'it is empty'}")
-        return query
+            return parse_query(string, state.searcher.schema, near)
 
     @contextmanager
     def _reading(self) -> Iterator[State]:
@@ -373,11 +351,3 @@ def open_index(path: str | Path, parameters: Parameters | None = None) -> MapInd
             if not holds_index(Path(path)):  # else another process was quicker
                 raise
     return MapIndex.open(path, parameters)
-
-
-def _depth(group: Any) -> int:
-    """How many of Whoosh's groups of syntax lie within each other; level by level, as recursion has an end."""
-    depth, level = 0, [group]
-    while level:
-        depth, level = depth + 1, [node for one in level for node in getattr(one, "nodes", ())]
-    return depth

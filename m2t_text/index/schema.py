@@ -1,18 +1,22 @@
 """The Whoosh schema of map documents; it carries the parameters of the index."""
 
+from collections.abc import Iterator
+from functools import cache
 from typing import Any
 from zlib import crc32
 
 import numpy as np
+from whoosh.analysis import SpaceSeparatedTokenizer
 from whoosh.columns import Column
 from whoosh.fields import ID, FieldType, Schema
+from whoosh.formats import Frequency
 from whoosh.qparser.common import QueryParserError
 from whoosh.query import Query
 
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text, parse
-from m2t_text.errors import DamageError, TextError
+from m2t_text.errors import DamageError
 from m2t_text.index.column import ArrayColumn, KeypointColumn, NameColumn
 
 RECORD: list[Any] = [
@@ -56,8 +60,19 @@ class PlainField(FieldType):
         raise QueryParserError(f"{qstring!r} is not something to look up in this field")
 
 
-class TextField(PlainField):
-    """The texts of the maps. A typed token finds the maps with this word within the window of this position.
+class TokenFormat(Frequency):
+    """Of the tokens of a text; those of a `Text` need not be listed, as they follow from the column."""
+
+    def word_values(
+        self, value: Any, analyzer: Any, **kwargs: Any
+    ) -> Iterator[tuple[bytes, int, float, bytes]]:
+        return iter(()) if isinstance(value, Text) else super().word_values(value, analyzer, **kwargs)
+
+
+class TextField(FieldType):
+    """The texts of the maps: each token is a term, as if Whoosh had split the text at its blanks.
+
+    ``hit["text"]`` is the text of a map.
 
     Attributes:
         parameters: of the profile that the texts were made with. They are part of the table of contents, so
@@ -66,21 +81,21 @@ class TextField(PlainField):
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        super().__init__(KeypointColumn())
+        self.format = self.vector = TokenFormat()
+        self.analyzer = SpaceSeparatedTokenizer()
+        self.column_type = KeypointColumn()
+        self.scorable, self.stored, self.unique = True, False, False
         self.parameters = parameters
         self.drives: dict[str, tuple[int, float]] = {}
+
+    def index(self, value: Any, **kwargs: Any) -> Iterator[tuple[bytes, int, float, bytes]]:
+        return iter(()) if isinstance(value, Text) else super().index(value, **kwargs)
 
     def to_column_value(self, value: Text | str) -> Text:
         return value if isinstance(value, Text) else parse(value)
 
-    def parse_query(self, fieldname: str, qstring: str, boost: float = 1.0) -> Query:
-        """The maps with this token or a neighbour of it, in their own frame: not turned."""
-        from m2t_text.index.search.query import MapQuery  # compiled code, slow to import
-
-        try:
-            return MapQuery(parse(qstring), fieldname, turns=(0,), boost=boost)
-        except TextError as error:
-            raise QueryParserError(str(error)) from error
+    def from_column_value(self, value: Text) -> str:
+        return str(value)
 
 
 class RecordField(PlainField):
@@ -134,6 +149,7 @@ def schema(parameters: Parameters) -> Schema:
     )
 
 
+@cache
 def schema_columns() -> dict[str, Column]:
     """The columns of a segment, by the names of their fields."""
     fields = schema(Parameters()).items()

@@ -11,7 +11,8 @@ from m2t_text.errors import LogError, M2TError
 from m2t_text.logs.log import ARM, Scan
 from m2t_text.mapping.free_space import Beams, clear_lengths, longest_reading
 from m2t_text.mapping.local_map import LEAP, LocalMap, Odometer, Survey, local_maps
-from m2t_text.mapping.trajectory import ScanMatcher, scan_points
+from m2t_text.mapping.scan_cloud import scan_points
+from m2t_text.mapping.scan_matcher import ScanMatcher
 from m2t_text.util.types import Floats
 
 SPACING = 0.5  # m of travel between the local maps that a drive leaves behind; nearer ones show the same

@@ -1,11 +1,11 @@
 """Which matches become loops: those that the trajectory and all other loops allow.
 
 The verdict on a match compares places; this compares times. A match says where the query lies as seen from an
-earlier pose, and so does the trajectory between both, directly or by way of a loop that is known already (the
-tightest of such ways is Bosse's Dijkstra projection, "An Atlas framework for scalable mapping", ICRA 2003). One
-that contradicts any of them is refused, as loops are by pairwise consistency (Mangelson et al., "Pairwise
-consistent measurement set maximization", ICRA 2018), but at once and in the order of the drive, so that nothing
-looks ahead.
+earlier pose, and so does the trajectory between both, directly or by way of a loop that is known already. The
+tightest of such ways say most (Bosse's Dijkstra projection, "An Atlas framework for scalable mapping", ICRA
+2003), and one that contradicts most of these is refused, in the spirit of pairwise consistency (Mangelson et
+al., "Pairwise consistent measurement set maximization", ICRA 2018), but at once and in the order of the drive,
+so that nothing looks ahead. Once loops near it become known, a match that was refused is looked at again.
 """
 
 from collections import defaultdict
@@ -19,7 +19,10 @@ from m2t_text.loops.uncertainty import Drift, Uncertain
 
 GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand: 3 degrees of freedom
 LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match:
-OWN_RUNS, OTHER_RUNS = 2, 5  # that share no scan must agree then, on the drive's past and on another dataset
+OWN_RUNS, OTHER_RUNS = 2, 5  # that share no scan must agree then, on the drive's past and on another dataset,
+UNKNOWN = 100.0  # m; or on a past of which no more is known than this
+TIGHT, VOTES = 2.0, 9  # ways so many times as loose as the tightest say as much; of so many at most, most count
+AGAIN = 30.0  # m of travel from a refused match to a new loop, on both sides, from which it is looked at again
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +67,27 @@ class Gate:
     def offer(self, loop: Loop) -> None:
         """Judges a match, and those that waited for it."""
         self.waiting.append(loop)
+        before = len(self.loops)
         while any(self._settles(one, loop.known) for one in tuple(self.waiting)):
-            pass
+            again = [one for one in self.refused if self._near(one, self.loops[before:])]
+            self.refused = [one for one in self.refused if one not in again]
+            self.waiting += again
+            before = len(self.loops)
+
+    def _near(self, one: Loop, loops: Sequence[Loop]) -> bool:
+        """Whether a match lies near any of the loops, in travel on both sides."""
+        ours, theirs = self._drifts[self._drive].way, self._drifts[one.dataset].way
+        return any(
+            loop.dataset == one.dataset
+            and abs(ours[loop.scan] - ours[one.scan]) <= AGAIN
+            and abs(theirs[loop.place] - theirs[one.place]) <= AGAIN
+            for loop in loops
+        )
 
     def _settles(self, one: Loop, scan: int) -> bool:
         """Whether one that waits becomes a loop at a scan, perhaps with others: more may follow then."""
         ways = self._ways(one)
-        if len(ways.pose) and (ways.distance(one.pose) > GATE).any():
+        if self._contradicts(ways, one):
             self.waiting.remove(one)
             self.refused.append(one)
             return False
@@ -82,13 +99,24 @@ class Gate:
             self._of[loop.dataset].append(sure)
         return bool(together)
 
+    def _contradicts(self, ways: Uncertain, one: Loop) -> bool:
+        """Whether most of the tightest ways (W, 3) lead elsewhere than a match says."""
+        if not len(ways.pose):
+            return False
+        order = np.argsort(ways.reach, kind="stable")[:VOTES]
+        order = order[ways.reach[order] <= TIGHT * ways.reach[order[0]]]
+        tight = Uncertain(ways.pose[order], ways.covariance[order])
+        return bool((tight.distance(one.pose) > GATE).mean() >= 0.5)
+
     def _agreeing(self, one: Loop) -> list[Loop]:
         """This one and those that wait and confirm it and each other, if they are of enough runs."""
         group = [one]
         for other in reversed(self.waiting):
             if other is not one and other.dataset == one.dataset and self._confirmed(other, group):
                 group.append(other)
-        enough = OWN_RUNS if one.dataset == self._drive else OTHER_RUNS
+        drift = self._drifts[self._drive]
+        known = one.dataset == self._drive and drift.relative(one.place, one.scan).reach < UNKNOWN
+        enough = OWN_RUNS if known else OTHER_RUNS
         return [loop for loop in self.waiting if loop in group] if _runs(group) >= enough else []
 
     def _confirmed(self, loop: Loop, others: Sequence[Loop]) -> bool:

@@ -25,6 +25,8 @@ APART = 10.0  # m of travel between the middles of two maps of one drive, at lea
 EVERY = 1.0  # m of travel from one query to the next
 # Errors of alignments on the five logs of the Radish repository:
 REMAINDER = np.array([0.03, 0.03, 0.01])  # m, m, rad; of the best ones, as drift bends the runs themselves
+LEAST_NOISE = 0.01  # m
+KNOWN_ANYWAY = np.array([1e-2, 1e-2, 1e-1])  # 1/m², 1/m², 1/rad²; information that is taken for granted
 CORRELATION = 25.0  # neighbouring keypoints err together: so many count as one
 
 
@@ -97,7 +99,7 @@ def alignment_covariance(query: Shape, found: Shape, pose: Floats, mapping: Mapp
     lever = across[partner, 1] * points[:, 0] - across[partner, 0] * points[:, 1]
     slopes = np.column_stack([across[partner], lever])
     misfit = ((points - walls[partner]) * across[partner]).sum(axis=1)
-    held = slopes.any(axis=1)
-    variance = (misfit[held] ** 2).mean() * CORRELATION
-    fit = variance * np.linalg.inv(slopes.T @ slopes)
+    held = max(int(slopes.any(axis=1).sum()), 1)
+    variance = max(float((misfit**2).sum()) / held, LEAST_NOISE**2) * CORRELATION
+    fit = np.linalg.inv(slopes.T @ slopes / variance + np.diag(KNOWN_ANYWAY))  # nothing may hold a direction
     return (np.diag(REMAINDER**2) + fit) * mapping.run_length / EVERY

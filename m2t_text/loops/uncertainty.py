@@ -19,6 +19,7 @@ from m2t_text.util.types import Floats
 MOVE = 0.02**2  # m² per m of travel, in every direction
 HEADING = 0.005**2  # rad² per m of travel
 TURN = 0.01**2  # rad² per rad of turning
+BIAS = 0.0003**2  # rad² per m² of travel: part of the error in heading is the same all the way
 STILL = (0.001**2, 0.001**2)  # m² and rad² of a step on which nothing moves
 LOST = (100.0**2, np.pi**2)  # m² and rad² of a step from one drive to the next, of which nothing is known
 
@@ -70,11 +71,13 @@ class Drift:
     """A trajectory (S, 3), and how uncertain its poses are as seen from each other.
 
     Each step errs by itself: in x and y alike, and in heading, which swings all that follows about the step's
-    end. The sums over all steps up to each pose give the covariance between any two poses at once.
+    end. Besides, all steps err in heading by one unknown bias, in proportion to their lengths. The sums over
+    all steps up to each pose give the covariance between any two poses at once.
 
     Attributes:
         trajectory: (S, 3).
         steps: (S - 1, 2) variances of each step, m² and rad².
+        way: (S,) metres of travel up to each pose.
 
     ``cuts`` (C,) are the poses that begin a drive of which it is not known where.
     """
@@ -88,6 +91,7 @@ class Drift:
         ends = trajectory[1:, :2]
         move, heading = self.steps.T
         self._move, self._heading = _sums(move), _sums(heading)
+        self.way, self._swing = _sums(way), _sums(way[:, None] * ends)
         self._first = _sums(heading[:, None] * ends)
         self._second = _sums(heading[:, None, None] * ends[:, :, None] * ends[:, None, :])
 
@@ -120,10 +124,18 @@ class Drift:
         covariance[..., :2, :2] = quarter @ square @ quarter.T + move * np.eye(2)
         covariance[..., :2, 2] = covariance[..., 2, :2] = to_end @ quarter.T
         covariance[..., 2, 2] = heading
+        covariance += BIAS * self._biased(first, last)
         to_frame = np.zeros_like(end)
         to_frame[..., 2] = -end[..., 2]
         turn = adjoint(to_frame)
         return turn @ covariance @ np.swapaxes(turn, -1, -2)
+
+    def _biased(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> Floats:
+        """The covariance (..., 3, 3) of a bias of 1 rad per m, as `_covariance` has it."""
+        way = self.way[last] - self.way[first]
+        to_end = way[..., None] * self.trajectory[last][..., :2] - (self._swing[last] - self._swing[first])
+        slope = np.stack([-to_end[..., 1], to_end[..., 0], way], axis=-1)
+        return slope[..., :, None] * slope[..., None, :]
 
 
 def _sums(values: Floats) -> Floats:

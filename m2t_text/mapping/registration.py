@@ -260,6 +260,47 @@ def _register(
     return _refine(reference, reference_normals, scan, sigma, head, link, pose)
 
 
+def refine(reference: Floats, reference_normals: Floats, scan: Floats, sigma: Floats, poses: Floats) -> Floats:
+    """(K,) the inlier ratios of poses (K, 3), arguments as for `register`, which are refined in place."""
+    link, inliers = np.empty(len(reference), dtype=np.int32), np.empty(len(poses))
+    _refine_all(
+        np.ascontiguousarray(reference), np.ascontiguousarray(reference_normals), np.ascontiguousarray(scan),
+        sigma, _grids.head, link, poses, inliers,
+    )  # fmt: skip
+    return inliers
+
+
+@kernel
+def _refine_all(
+    reference: Floats,
+    reference_normals: Floats,
+    scan: Floats,
+    sigma: Floats,
+    head: NDArray[np.int32],
+    link: NDArray[np.int32],
+    poses: Floats,
+    inliers: Floats,
+) -> None:
+    _bucket(reference, head, link)
+    for k in range(len(poses)):
+        inliers[k] = _refine(reference, reference_normals, scan, sigma, head, link, poses[k])
+
+
+def likelihood_grid() -> NDArray[np.float32]:
+    """(SIDE, SIDE) this thread's grid, to be filled."""
+    return _grids.likelihood
+
+
+@kernel
+def _fill(reference: Floats, grid: NDArray[np.float32]) -> None:
+    _likelihood(reference, grid)
+
+
+def fill_likelihood(reference: Floats, grid: NDArray[np.float32]) -> None:
+    """Writes to a grid how likely a hit is in each cell about the origin, given reference points (M, 2)."""
+    _fill(np.ascontiguousarray(reference), grid)
+
+
 def within(points: Floats, reference: Floats, reach: float) -> NDArray[np.bool_]:
     """(N,) which of the points (N, 2) have one of the reference (M, 2) nearer than ``reach`` metres."""
     link, near = np.empty(len(reference), dtype=np.int32), np.empty(len(points), dtype=np.bool_)

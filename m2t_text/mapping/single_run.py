@@ -9,12 +9,13 @@ from m2t_text.config import MappingParameters
 from m2t_text.logs.log import Log
 from m2t_text.mapping.free_space import Beams, longest_reading
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, travelled
-from m2t_text.mapping.trajectory import REFERENCE, hits, refined_poses
-from m2t_text.util.geometry import between, travel
+from m2t_text.mapping.scan_matcher import REFERENCE
+from m2t_text.mapping.trajectory import hits, refined_poses, travel_of
+from m2t_text.util.geometry import between
 from m2t_text.util.types import Floats
 
 # How much of the log before the run is matched, so that its scans have nearly the reference of the whole log:
-BEFORE = 2 * REFERENCE[0]  # m of travel by wheel odometry,
+BEFORE = 2 * REFERENCE[0]  # m of travel,
 SCANS_BEFORE = 500  # but not all the scans of a robot that stood there, or whose wheels do not count
 
 
@@ -26,7 +27,7 @@ def local_map_at(log: Log, scan: int, parameters: MappingParameters) -> LocalMap
     first scan and the pose in that scan's robot frame. The travel's end is the refined run's length later.
     """
     odometry = log.odometry
-    way = travel(odometry)
+    way = travel_of(log)
     begin = max(int(np.searchsorted(way, way[scan] - BEFORE)), scan - SCANS_BEFORE, 0)
     window = replace(log, scans=log.scans[begin:], ground_truth=None)
     trajectory = _until(window, scan - begin, parameters.run_length)

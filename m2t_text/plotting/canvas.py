@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from m2t_text.description.text import WORDS, Text
 from m2t_text.logs.log import Log
-from m2t_text.mapping.trajectory import scan_points
+from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.util.geometry import transform
 from m2t_text.util.types import Floats
 

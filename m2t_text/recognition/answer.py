@@ -91,8 +91,11 @@ def search(
     index: MapIndex,
     options: SearchOptions = SearchOptions(),
     reading: SourceOptions | None = None,
+    where: str | None = None,
 ) -> Answer:
     """Finds the maps of the index that show what ``target`` names; ``reading`` says how, if it is a file.
+
+    Only maps that ``where`` finds, a query of Whoosh's language, are looked at.
 
     Raises:
         QueryError, SourceError, TextError: if it names nothing that can be searched.
@@ -107,7 +110,7 @@ def search(
     begin = perf_counter()
     index = index.pinned()
     query = resolve(target, Context(index.parameters, index, reading or SourceOptions(), options.run))
-    return answer(query, index, options, perf_counter() - begin)
+    return answer(query, index, options, perf_counter() - begin, where)
 
 
 def answer(

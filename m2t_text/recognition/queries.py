@@ -16,7 +16,6 @@ from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
 from m2t_text.sources.opening import SourceOptions, is_source, open_log, open_source
 from m2t_text.util.files import is_file
-from m2t_text.util.geometry import travel
 from m2t_text.util.names import CLOUDS, SAVED_MAPS
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
@@ -170,7 +169,9 @@ def _scan_after(metres: float, log: Log, context: Context) -> int:
             return index.document(ids[place]).first_scan
         begin, scan = float(last.travel[0]), last.first_scan
     else:
-        way = travel(log.odometry)
+        from m2t_text.mapping.trajectory import travel_of  # compiled code, slow to import
+
+        way = travel_of(log)
         place = int(np.searchsorted(way, metres - ROUNDING))
         if place < len(way):
             return place

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from m2t_text.errors import M2TError
 from m2t_text.logs.log import Log
-from m2t_text.mapping.trajectory import scan_points
+from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from m2t_text.saved_maps.rays import add_along
 from m2t_text.util.compiling import kernel

@@ -10,9 +10,11 @@ from scipy.sparse.csgraph import connected_components
 from m2t_text.loops.detection import Walk
 from m2t_text.loops.graph import Edge
 from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.mapping.trajectory import without_wheels
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread
 from m2t_text.slam.neighbours import Neighbours, pairs_nearby
 from m2t_text.slam.optimisation import Constraints, optimise, robust_weights
+from m2t_text.slam.wheels import wheel_steps
 from m2t_text.util.geometry import between, compose, inverse
 from m2t_text.util.types import Floats, Ints, StageProgress
 
@@ -53,7 +55,8 @@ def correct(walked: Walk, jobs: int = 1, progress: StageProgress | None = None) 
     tell = progress or (lambda stage, done, of: None)
     raw = walked.survey.trajectory
     keys = key_scans(walked.log, raw)
-    steps, loops = _steps(walked, keys), _loops(walked, keys)
+    steps = _steps(walked, keys).joined(wheel_steps(walked.log.odometry, raw, keys))
+    loops = _loops(walked, keys)
     compared = Neighbours(keys, jobs)
     start = _in_one_frame(raw[keys.numbers], keys, loops)
     fixed = steps.joined(loops).joined(compared.behind(start, partial(tell, "comparing scans")))
@@ -113,12 +116,16 @@ def _joined(keys: KeyScans, constraints: Constraints) -> np.ndarray:
 
 
 def _steps(walked: Walk, keys: KeyScans) -> Constraints:
-    """From each key scan to the next of its drive, as odometry and scan matching have it."""
+    """From each key scan to the next of its drive, as odometry and scan matching have it.
+
+    Where there are no wheels, scan matching may lose its way, so that a step may be wrong.
+    """
     first = np.flatnonzero(np.diff(keys.drives) == 0)
     motions = walked.drifts[walked.log.name].relative(keys.numbers[first], keys.numbers[first + 1])
     information = np.linalg.inv(motions.covariance).astype(float)
     pairs = np.column_stack([first, first + 1])
-    return Constraints(pairs, motions.pose, information, np.zeros(len(first), dtype=bool))
+    alone = np.isin(keys.drives[first], list(without_wheels(walked.log)))
+    return Constraints(pairs, motions.pose, information, alone)
 
 
 def _loops(walked: Walk, keys: KeyScans) -> Constraints:

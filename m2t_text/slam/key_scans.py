@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from m2t_text.logs.log import Log
-from m2t_text.mapping.trajectory import ScanCloud, scan_cloud
+from m2t_text.mapping.scan_cloud import ScanCloud, scan_cloud
 from m2t_text.util.geometry import between, compose, travel, wrap
 from m2t_text.util.types import Floats, Ints
 

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 from m2t_text.mapping.registration import SIDE_LENGTH, fit, register
-from m2t_text.mapping.trajectory import ScanCloud
+from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.slam.key_scans import KeyScans
 from m2t_text.slam.optimisation import Constraints
 from m2t_text.util.geometry import between, compose, inverse, wrap
@@ -26,9 +26,7 @@ BEHIND = 3  # key scans before a scan to which it is tied
 NEAR = 2.5  # m between two key scans of different visits that are compared
 APART = 3.0  # m of travel between two visits, at least
 VISIT = 3  # key scans by which two of one visit may be apart
-KNOWN = (
-    40.0  # m of travel from one key scan to the other by way of constraints; their relative place is known then
-)
+KNOWN = 80.0  # m of travel from one key scan to the other by way of constraints: their relative place is known
 WINDOW = (0.6, np.radians(6.0))  # m and rad; the search about the place that is known
 LOOSE, TIGHT = np.array([0.5, 0.1]), np.array([0.3, 0.1])  # m and rad; standard deviations of that place
 INLIERS = 0.5  # share of the scan's points that find a partner

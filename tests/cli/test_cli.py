@@ -263,6 +263,20 @@ def test_excluded_travel(call: Call, simulated_index: Path, simulated: Path) -> 
         assert found and all(abs(sum(result["travel"]) / 2 - middle) > 5 for result in found)
 
 
+def test_only_maps_that_a_query_of_whoosh_finds(call: Call, simulated_index: Path) -> None:
+    token = str(MapIndex.open(simulated_index).document("drive/000040").text).split()[0]
+    arguments = ("--index", simulated_index, "--json", "--top", 0, "--no-verify", "--where")
+    for where in (f"first_scan:[30 TO 50] AND {token}", f"first_scan:[30 TO 50] AND {token}~0"):
+        status, out, _ = call("search", "drive/000040", *arguments, where)
+        found = [hit["map_id"] for hit in json.loads(out)["results"]]
+        held = [
+            one.map_id for one in MapIndex.open(simulated_index).documents() if token in str(one.text).split()
+        ]
+        assert status == 0 and sorted(found) == [
+            name for name in held if "drive/000030" <= name <= "drive/000050"
+        ]
+
+
 def test_search_prints_a_table(call: Call, simulated_index: Path) -> None:
     for arguments in ([], ["--no-verify"]):
         status, out, err = call("search", "drive/000040", "--index", simulated_index, "--top", 2, *arguments)
@@ -356,6 +370,7 @@ def test_the_environment_names_the_index(
         (["search", "drive/000040", "--top", "-1"], "--top"),
         (["search", "drive/000040", "--top", "many"], "--top"),
         (["search", "drive/000040", "--exclude-travel", "-1"], "--exclude-travel"),
+        (["search", "drive/000040", "--where", "corridor"], "'corridor' is not a query"),
         (["search", "drive/000040", "--exclude-travel", "nan"], "--exclude-travel"),
         (["search", "drive/999999"], "the nearest of its"),
         (["search", "missing.log@3"], "missing.log does not exist"),

@@ -275,7 +275,8 @@ def filters(folder: Path) -> Seeds:
     strings = (
         "dataset:a AND travel:[10 TO 20]",
         "NOT (dataset:b OR map_id:a/00*)",
-        "x0_y0_a5^2 OR travel:[3 TO]",
+        "x0_y0_a5~^2 OR travel:[3 TO]",
+        "x1*_a5 OR [x1 TO x2] x0_y0_a5~3",
         "x0_y0_a5^2 'a b' travel:>3",
     )
     return {str(number): string.encode() for number, string in enumerate(strings)}

@@ -18,7 +18,7 @@ from soundness import assert_sound_or_refused, at_most
 from m2t_text.config import PROFILES
 from m2t_text.errors import LogError
 from m2t_text.logs import Log, LogOptions, read_log
-from m2t_text.mapping.trajectory import scan_points
+from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.pipeline import describe_log
 from m2t_text.util.geometry import compose
 from m2t_text.util.names import dataset_name

@@ -17,7 +17,7 @@ from m2t_text.errors import LogError
 from m2t_text.logs import Log, LogOptions, read_log
 from m2t_text.logs.log import ALONE
 from m2t_text.logs.simulator import Simulation, simulate
-from m2t_text.mapping.trajectory import scan_points
+from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.util.geometry import between, compose, inverse, transform, travel
 
 ROS1, ROS2 = Messages(1), Messages(2)

@@ -13,7 +13,7 @@ from m2t_text.logs.beams import half_circle
 from m2t_text.logs.building import build
 from m2t_text.logs.raycast import cast
 from m2t_text.logs.simulator import Simulation, simulate, write_carmen
-from m2t_text.mapping.trajectory import scan_points
+from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.util.geometry import between, compose, transform, travel, wrap
 
 

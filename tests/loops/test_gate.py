@@ -90,3 +90,39 @@ def test_another_dataset_is_trusted_once_five_runs_agree(gate: Gate):
     gate.offer(match(80, 50, np.array([0.0, 0.0, 1.0]), "other", shifted))
     gate.offer(match(81, 51, dataset="other", truth=shifted))
     assert (scans(gate.refused), scans(gate.loops)) == ([80], [*run_after_run, 81])
+
+
+def test_one_wrong_way_among_tight_ones_refuses_nothing(gate: Gate) -> None:
+    """A wrong loop that is the nearest one, among right ones that are nearly as near."""
+    for scan in range(305, 326, 3):
+        gate.offer(match(scan, 600 - scan))
+    know(gate, match(326, 274, np.array([0.0, 0.0, 0.3])))
+    gate.offer(match(329, 271))
+    assert scans(gate.loops)[-1] == 329
+
+
+def test_what_was_refused_is_looked_at_again_once_loops_near_it_are_known(gate: Gate) -> None:
+    know(gate, match(330, 270, np.array([0.0, 0.0, 0.3])))  # a wrong one
+    gate.offer(match(333, 267))
+    assert scans(gate.refused) == [333]
+    for scan in (336, 338, 340):
+        know(gate, match(scan, 600 - scan))
+    gate.offer(match(341, 259))
+    assert (scans(gate.loops)[-2:], gate.refused) == ([341, 333], [])
+    assert gate.loops[-1].known == 344
+
+
+def know(gate: Gate, loop: Loop) -> None:
+    """Makes a match a loop, right or wrong."""
+    gate.loops.append(loop)
+    gate._of[loop.dataset].append(loop)
+
+
+def test_a_drive_of_which_nothing_is_known_needs_five_runs() -> None:
+    gate = Gate("drive", {"drive": Drift(DRIVE, [301])})
+    run_after_run = [400, 406, 412, 418, 424]
+    for scan in run_after_run[:-1]:
+        gate.offer(match(scan, 600 - scan))
+    assert (gate.loops, scans(gate.waiting)) == ([], run_after_run[:-1])
+    gate.offer(match(424, 176))
+    assert scans(gate.loops) == run_after_run

@@ -70,3 +70,15 @@ def test_the_fit_has_the_slopes_of_its_residuals():
     fit = covariance(CORRIDOR, pose) * EVERY / MAPPING.run_length - np.diag(REMAINDER**2)
     expected = np.linalg.inv(slopes.T @ slopes)
     assert fit / np.trace(fit) == pytest.approx(expected / np.trace(expected), rel=0.02, abs=1e-3)
+
+
+@pytest.mark.parametrize("across", [[0.0, 1.0], [0.0, 0.0]])
+def test_a_direction_that_nothing_holds_is_loose_and_no_singular_matrix(across: list[float]) -> None:
+    """A corridor without anything across it, and points of which no wall is known."""
+    points = np.column_stack([np.arange(0.0, 6.0, 0.1), np.ones(60)])
+    shape = Shape(points, np.tile(across, (60, 1)))
+    covariance = alignment_covariance(shape, shape, np.zeros(3), MAPPING)
+    sigma = np.sqrt(np.linalg.eigvalsh(covariance))
+    assert np.isfinite(covariance).all() and sigma[0] > 0 and sigma[-1] > 5.0
+    nothing = Shape(points + np.array([0.0, 50.0]), shape.normals)
+    assert np.linalg.eigvalsh(alignment_covariance(nothing, shape, np.zeros(3), MappingParameters()))[0] > 0

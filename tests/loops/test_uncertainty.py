@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from m2t_text.loops.uncertainty import HEADING, MOVE, STILL, TURN, Drift, Uncertain, adjoint, exact
+from m2t_text.loops.uncertainty import BIAS, HEADING, MOVE, STILL, TURN, Drift, Uncertain, adjoint, exact
 from m2t_text.util.geometry import between, compose, inverse
 
 RNG = np.random.default_rng(4)
@@ -39,9 +39,11 @@ def test_a_straight_way_by_hand():
     # Two steps of 1 m: the first one's error of heading moves the end by 1 m times it, sideways.
     both = Drift(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])).relative(0, 2)
     move, heading = MOVE + STILL[0], HEADING + STILL[1]
-    expected = [[2 * move, 0, 0], [0, 2 * move + heading, heading], [0, heading, 2 * heading]]
+    expected = np.array([[2 * move, 0, 0], [0, 2 * move + heading, heading], [0, heading, 2 * heading]])
+    bias = np.array([0.0, 1.0, 2.0])  # of 1 rad per m: the same error at the end of both
+    expected += BIAS * np.outer(bias, bias)
     assert both.pose.tolist() == [2, 0, 0]
-    assert both.covariance == pytest.approx(np.array(expected))
+    assert both.covariance == pytest.approx(expected)
 
 
 def test_turning_on_the_spot_costs_heading():
@@ -54,10 +56,14 @@ def test_drift_is_the_chain_of_its_steps(origin: int, place: int):
     drift = Drift(WINDING)
     chained = exact(np.zeros(3))
     first, last = min(origin, place), max(origin, place)
+    bias = np.zeros(3)  # how 1 rad per m moves the last pose, in its own frame
     for k in range(first, last):
         move, heading = drift.steps[k]
         step = Uncertain(between(WINDING[k], WINDING[k + 1]), np.diag([move, move, heading]))
         chained = chained.then(step)
+        length = np.hypot(*step.pose[:2])
+        bias = adjoint(inverse(step.pose)) @ bias + np.array([0.0, 0.0, length])
+    chained = Uncertain(chained.pose, chained.covariance + BIAS * np.outer(bias, bias))
     expected = chained if place >= origin else chained.inverse()
     found = drift.relative(np.array([origin, 3]), np.array([place, 4]))
     assert between(found.pose[0], expected.pose) == pytest.approx(np.zeros(3), abs=1e-9)

@@ -10,7 +10,7 @@ from m2t_text.logs import Log
 from m2t_text.logs.joining import joined, without_odometry
 from m2t_text.logs.simulator import Simulation, simulate
 from m2t_text.loops.detection import Walk
-from m2t_text.mapping.trajectory import ScanCloud
+from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.slam.correction import Correction, correct
 from m2t_text.slam.files import corrected_graph
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread

@@ -42,6 +42,14 @@ def search(
             help="Leave out maps of the same drive within these metres of travel.",
         ),
     ] = None,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHERE",
+            help="Only maps that this finds: dataset:NAME, travel:[10 TO 40], a token, or TOKEN~ for its "
+            "neighbours, too; joined by AND, OR, NOT.",
+        ),
+    ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     run: RunOption = None,
     as_json: JsonOption = False,
@@ -56,6 +64,7 @@ def search(
     \b
     m2t-text search robot/000123                       a map of the index
     m2t-text search robot/000123 --exclude-travel 10   on other visits only
+    m2t-text search new.log@35 --where 'dataset:robot AND travel:[10 TO 40]'
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
     m2t-text search new.log#200 --run 0                the single scan 200
@@ -69,8 +78,10 @@ def search(
     check_plot(plot)
     options = SearchOptions(top, exclude_travel, not no_verify, run)
     opened = MapIndex.open(index)
+    if where is not None:
+        opened.parse(where)  # what is wrong with it is said before anything takes time
     compile_for(query, opened.parameters, not no_verify)
-    answer = find(query, opened, options, reading)
+    answer = find(query, opened, options, reading, where)
     warn(answer.query)
     if plot is not None:
         _draw(answer, plot)

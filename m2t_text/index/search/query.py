@@ -41,21 +41,28 @@ class MapQuery(SegmentQuery):
     Args:
         text: of the whole query map; one keypoint stands for its token and all neighbours.
         turns: quarter turns to try instead of the weighting's; (0,) for tokens typed in the maps' own frame.
+        window: cells, with ``turns`` only, instead of the weighting's.
     """
 
     def __init__(
-        self, text: Text, fieldname: str = "text", turns: tuple[int, ...] | None = None, boost: float = 1.0
+        self,
+        text: Text,
+        fieldname: str = "text",
+        turns: tuple[int, ...] | None = None,
+        window: int | None = None,
+        boost: float = 1.0,
     ) -> None:
         self.text = text
         self.fieldname = fieldname
         self.turns = turns
+        self.window = window
         self.boost = boost
 
     def _key(self) -> tuple[Any, ...]:
-        return str(self.text), self.fieldname, self.turns, self.boost
+        return str(self.text), self.fieldname, self.turns, self.window, self.boost
 
     def __repr__(self) -> str:
-        return f"MapQuery({str(self)!r}, turns={self.turns}, boost={self.boost})"
+        return f"MapQuery({str(self)!r}, turns={self.turns}, window={self.window}, boost={self.boost})"
 
     def __str__(self) -> str:
         shown = str(self.text) if len(self.text) <= 3 else f"{len(self.text)} keypoints"
@@ -83,7 +90,8 @@ class MapQuery(SegmentQuery):
             model = MapWeighting.of(searcher.schema[self.fieldname].parameters.matching)
         if self.turns is None:
             return model
-        window = model.window if isinstance(model, HistogramIntersection | OffsetAgreement) else None
+        own = model.window if isinstance(model, HistogramIntersection | OffsetAgreement) else None
+        window = own if self.window is None else self.window
         return HistogramIntersection(window, self.turns, weighted=False)
 
 

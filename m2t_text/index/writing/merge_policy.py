@@ -60,6 +60,10 @@ class _WatchedReader(SegmentReader):
             if self.watch is not None:
                 self.watch()
 
+    def has_vector(self, docnum: int, fieldname: str) -> bool:
+        """They follow from the columns, and are not copied."""
+        return False
+
 
 def live(segment: Any) -> int:
     """Number of documents of a segment that are not deleted."""

@@ -71,6 +71,7 @@ class SegmentMaker(SegmentWriter):
 
     def _commit_toc(self, segments: list[Any]) -> None:
         """What the table of contents names is on disk before it is, with its name; then the table itself."""
+        segments = [segment for segment in segments if segment.doc_count_all()]
         if self.newsegment in segments:
             flush(self.storage.path / self.newsegment.filename)
         flush(self.storage.path)

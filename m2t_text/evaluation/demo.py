@@ -71,6 +71,7 @@ class DemoReport:
             f"  m2t-text inspect {hit.map_id} --index {folder}/index",
             f"  m2t-text info --index {folder}/index",
             "  m2t-text index YOUR.log && m2t-text search YOUR.log@35 --exclude-travel 10",
+            f"  m2t-text serve --index {folder}/index",
         ]
 
 

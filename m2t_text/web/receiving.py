@@ -104,7 +104,7 @@ class Receiving:
         self, drive: Drive, committed: Committed, begin: int, upload: str | None
     ) -> AsyncIterator[str]:
         steps = places(drive, begin)
-        yield _event("begin", {"total": drive.total})
+        yield _event("begin", drive.progress() | {"total": drive.total})
         while (step := await self._site.read(lambda: next(steps, None))) is not None:
             number, document = step
             if document is None:

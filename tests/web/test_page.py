@@ -110,6 +110,7 @@ def test_the_building_is_drawn(open_page: Open) -> None:
 def test_a_click_shows_aligned_hits_and_every_view_has_an_address(open_page: Open, client: Client) -> None:
     page = open_page()
     wait(page, READY)
+    wait(page, WALLS)  # the building is fitted to them
     page.mouse.click(*screen(page, "drive/000040"))
     wait(page, ANSWERED)
     query = page.evaluate("m2t.answer.query.map_id")

@@ -29,8 +29,8 @@ export class Building {
     const before = new Map(this.frames.map((frame) => [frame.name, frame]));
     this.places = places;
     this.frames = places.datasets.map((dataset) => {
-      const { walls = null, floor = null, hidden = false } = before.get(dataset.name) || {};
-      return { ...dataset, walls, floor, hidden };
+      const { walls = null, floor = null, hidden = false, extent = null } = before.get(dataset.name) || {};
+      return { ...dataset, walls, floor, hidden, extent };
     });
     this.wx = new Float32Array(places.maps);
     this.wy = new Float32Array(places.maps);
@@ -72,6 +72,8 @@ export class Building {
     frame.floor = [{ x: walls.floor_x, y: walls.floor_y, seen: new Uint8Array(walls.floor_x.length).fill(1), cell: walls.floor_cell, origin: walls.origin }];
     while (frame.floor.length < 5 && frame.floor.at(-1).x.length > 400) frame.floor.push(coarser(frame.floor.at(-1)));
     while (frame.walls.length < 6 && frame.walls.at(-1).x.length > 400) frame.walls.push(coarser(frame.walls.at(-1)));
+    frame.extent = extent(walls) || frame.box;
+    if (this.goal && !this.byHand) this.focus(this.goal);
     this.surface.redraw();
   }
 
@@ -123,12 +125,16 @@ export class Building {
     return `${frame.name}/${String(this.places.first_scan[number]).padStart(6, "0")}`;
   }
 
+  // Shows some datasets, all if none are given, as large as possible; also when their walls are known.
   fit(shown = this.all().filter((frame) => !frame.hidden)) {
     if (!shown.length) return;
-    const x0 = Math.min(...shown.map((f) => f.x + f.box[0])), y0 = Math.min(...shown.map((f) => f.y + f.box[1]));
-    const x1 = Math.max(...shown.map((f) => f.x + f.box[2])), y1 = Math.max(...shown.map((f) => f.y + f.box[3]));
+    this.byHand = false;
+    const boxes = shown.map((frame) => (frame.extent || frame.box).map((value, k) => value + (k % 2 ? frame.y : frame.x)));
+    const [x0, y0] = [0, 1].map((k) => Math.min(...boxes.map((box) => box[k])));
+    const [x1, y1] = [2, 3].map((k) => Math.max(...boxes.map((box) => box[k])));
+    this.goal = shown.map((frame) => frame.name);
     const { width, height } = this.surface;
-    const scale = Math.min((width - 24) / (x1 - x0), (height - 44) / (y1 - y0));
+    const scale = Math.min((width - 40) / (x1 - x0), (height - 80) / (y1 - y0));
     this.fitted = Math.min(this.fitted || scale, scale);
     this.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale };
     this.surface.redraw();
@@ -260,7 +266,7 @@ export class Building {
   paintPlaces(frame) {
     const { ratio } = this.surface, scale = this.view.scale * ratio;
     const { width, height } = this.canvas, { pixels, wx, wy, dim } = this, { place, pale, found } = this.shades;
-    const small = Math.max(1, Math.round(Math.min(5, this.view.scale / 9) * ratio));
+    const small = Math.max(Math.round(ratio * (this.places.maps < 20000 ? 2 : 1)), Math.round(Math.min(5, this.view.scale / 9) * ratio));
     const large = small + Math.round(3 * ratio);
     for (let pass = 0; pass < (this.matching ? 2 : 1); pass++) {
       for (let k = frame.begin; k < frame.end; k++) {
@@ -300,7 +306,7 @@ export class Building {
       }
       dragged += Math.hypot(now[0] - before[0], now[1] - before[1]);
       if (dragged > 4) {
-        this.moved = true;
+        this.moved = this.byHand = true;
         canvas.classList.add("moving");
         this.pan(now[0] - before[0], now[1] - before[1]);
       }
@@ -316,7 +322,7 @@ export class Building {
     canvas.addEventListener("pointerleave", () => this.point(-1e6, -1e6));
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
-      this.moved = true;
+      this.moved = this.byHand = true;
       this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0018)), ...at(event));
     }, { passive: false });
     canvas.addEventListener("dblclick", (event) => this.zoom(1.6, ...at(event)));
@@ -340,7 +346,7 @@ export class Building {
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const step = 60, moves = { ArrowLeft: [step, 0], ArrowRight: [-step, 0], ArrowUp: [0, step], ArrowDown: [0, -step] };
-    if (moves[event.key]) { this.moved = true; this.pan(...moves[event.key]); }
+    if (moves[event.key]) { this.moved = this.byHand = true; this.pan(...moves[event.key]); }
     else if (event.key === "+" || event.key === "=") this.zoom(1.3);
     else if (event.key === "-") this.zoom(1 / 1.3);
     else if (event.key === "0") { this.fit(); this.moved = false; }
@@ -365,6 +371,15 @@ export class Building {
     this.surface.redraw();
     this.pointed(number, -1, ...this.toScreen(this.wx[number], this.wy[number]));
   }
+}
+
+// The box that holds the cells of walls, in metres, without those few that lie far out; null if there are none.
+function extent({ x, y, cell, origin }) {
+  if (!x.length) return null;
+  const [xs, ys] = [x, y].map((values) => values.slice().sort());
+  const at = (values, share) => values[Math.floor((values.length - 1) * share)] * cell;
+  const low = 0.002, high = 1 - low;
+  return [origin[0] + at(xs, low) - 1, origin[1] + at(ys, low) - 1, origin[0] + at(xs, high) + 1, origin[1] + at(ys, high) + 1];
 }
 
 // Fills a square of pixels, whose first is number `at` of rows of so many.

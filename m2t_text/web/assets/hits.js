@@ -50,7 +50,8 @@ export class Hits {
     card.rank.textContent = result.rank;
     card.title.textContent = result.map_id;
     const turn = degrees(comparison.laid[2]);
-    card.note.textContent = `travel ${result.travel[0].toFixed(1)}–${result.travel[1].toFixed(1)} m` + (turn ? `, turned by ${turn}°` : "");
+    const [from, to] = result.travel, travel = to > from ? `travel ${from.toFixed(1)}–${to.toFixed(1)} m` : "";
+    card.note.textContent = [travel, turn ? `turned by ${turn}°` : ""].filter(Boolean).join(", ");
     card.canvas.setAttribute("aria-label", `The query laid on ${result.map_id}: ${comparison.shared} keypoints with the same word`);
     fill(card.parts, scoreParts(result, comparison));
     fill(card.actions,

@@ -8,7 +8,7 @@ import { colour } from "./theme.js";
 export function drawMarks(building, context) {
   const { marks } = building;
   names(building, context);
-  for (const arc of marks.arcs || []) drawArc(building, context, arc);
+  if (!(marks.hits || []).length) for (const arc of marks.arcs || []) drawArc(building, context, arc);
   for (const place of marks.trail || []) drawPlace(building, context, place);
   const query = marks.query && building.locate(marks.query.dataset, marks.query.pose);
   links(building, context, query);

@@ -55,7 +55,7 @@ export class Replay {
     const address = `/api/replay/${encodeURIComponent(drive)}` + (index ? `?index=${encodeURIComponent(index)}` : "");
     const source = this.source = new EventSource(address);
     const on = (kind, act) => source.addEventListener(kind, (event) => { if (source === this.source) act(JSON.parse(event.data)); });
-    on("begin", ({ total }) => { this.known = total; });
+    on("begin", ({ total, file }) => { this.known = total; this.file = file || null; });
     if (!this.isUpload) this.focus([drive]);
     on("progress", (upload) => this.reading(upload));
     on("place", (place) => this.arrived(place));
@@ -202,12 +202,16 @@ export class Replay {
     if (!this.playing) this.settling = setTimeout(() => show({ at: to, q: this.places[to].query }, true), 250);
   }
 
+  where(place) {
+    return place.travel[1] > place.travel[0] ? `after ${place.travel[0].toFixed(1)} m` : `view ${place.number}`;
+  }
+
   tell() {
     const place = this.places[this.at];
     if (!place) return;
     const best = place.answer.results[0];
     const odds = typeof place.answer.probability === "number" ? `, ${percent(place.answer.probability)}` : "";
-    const text = `after ${place.travel[0].toFixed(1)} m: ${place.answer.verdict}${odds}${best ? `, ${best.map_id}` : ""}`;
+    const text = `${this.where(place)}: ${place.answer.verdict}${odds}${best ? `, ${best.map_id}` : ""}`;
     const counts = { match: 0, ambiguous: 0, none: 0 };
     this.places.forEach((one) => { counts[one.answer.verdict]++; });
     this.note(`${text} · ${thousands(this.places.length)} of ${this.known ? thousands(this.known) : "?"} places: ${counts.match} match, ${counts.ambiguous} ambiguous, ${counts.none} none`);
@@ -233,7 +237,7 @@ export class Replay {
       hits: [], pose: sure ? { dataset: best.dataset, pose: best.dataset_pose, covariance: best.covariance } : null,
     });
     const { page } = this;
-    page.query.set({ map_id: `${this.file || this.drive}, after ${place.travel[0].toFixed(1)} m`, text: place.text }, page.info, null, true);
+    page.query.set({ map_id: `${this.file || this.drive}, ${this.where(place)}`, text: place.text }, page.info, null, true);
     page.query.setVerdict(place.answer, (id) => show({ q: id }), true);
     this.track.redraw();
   }

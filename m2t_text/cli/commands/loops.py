@@ -33,6 +33,9 @@ def loops(
     tum: Annotated[
         Path | None, typer.Option("--tum", metavar="FILE", help="Write the trajectory before any correction.")
     ] = None,
+    mcap: Annotated[
+        Path | None, typer.Option("--mcap", metavar="FILE", help="Write all for Foxglove, as time goes on.")
+    ] = None,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
@@ -50,6 +53,7 @@ def loops(
     \b
     m2t-text loops robot.log --g2o robot.g2o    for g2o, GTSAM, Ceres
     m2t-text loops robot.log --plot robot.png   drawn
+    m2t-text loops robot.log --mcap robot.mcap  for Foxglove
     m2t-text loops robot.log --json             each loop, for scripts
     m2t-text loops new.log --index indexes/office --g2o both.g2o
     """
@@ -60,9 +64,13 @@ def loops(
     from m2t_text.sources.opening import open_log
     from m2t_text.util.names import dataset_name
 
-    for path in (g2o, tum):
+    for path in (g2o, tum, mcap):
         if path is not None:
             check_folder(path)
+    if mcap is not None:
+        from m2t_text.loops.foxglove import check_mcap
+
+        check_mcap()
     if plot is not None:
         from m2t_text.plotting.pictures import check_picture
 
@@ -80,6 +88,11 @@ def loops(
         if path is not None:
             write(path, text)
             note(f"wrote {path}")
+    if mcap is not None:
+        from m2t_text.loops.foxglove import write_mcap
+
+        write_mcap(walked, graph, mcap)
+        note(f"wrote {mcap}")
     if plot is not None:
         from m2t_text.loops.plots import plot_walk
 

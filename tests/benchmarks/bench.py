@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 from databases import database, queries
 from engines import ENGINES
+from whoosh.index import open_dir
+from whoosh.query import Term, Wildcard
 
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import read_log
@@ -36,8 +38,15 @@ ROOT = Path(__file__).parents[2]
 LOGS = ROOT.parent / "shared" / "data" / "radish"
 FOLDER = ROOT / "indexes" / "bench"
 SIZES = (1_000, 13_600, 100_000)
-QUERIES = {"m2t": 100, "numpy": 10, "tantivy": 10, "whoosh-or": 5}
-LIMITS = {"m2t": 10**9, "numpy": 20_000, "tantivy": 20_000, "whoosh-or": 1_000}  # maps, unless BENCH_SLOW
+QUERIES = {"m2t": 100, "numpy": 10, "tantivy": 10, "whoosh-or": 5, "literal": 2}
+LIMITS = {
+    "m2t": 10**9,
+    "numpy": 20_000,
+    "tantivy": 20_000,
+    "whoosh-or": 1_000,
+    "literal": 1_000,
+}  # or BENCH_SLOW
+TERMS = ("term", "term_again", "wildcard", "lexicon")  # that the full-text field is asked for
 INDEXED = "freiburg-079-corrected"  # the log that is timed
 
 
@@ -50,7 +59,7 @@ def main() -> None:
     sizes = [int(size) for size in os.environ.get("BENCH_SIZES", "").split(",") if size] or SIZES
     slow = os.environ.get("BENCH_SLOW") == "1"
     indexed = index_logs()
-    result: dict[str, Any] = {"search": [], "search_default": []}
+    result: dict[str, Any] = {"search": [], "search_default": [], "terms": []}
     bandwidth = bytes_per_second()
     for maps in sizes:
         database(MapIndex.open(FOLDER / "logs-paper"), maps, FOLDER)
@@ -59,6 +68,7 @@ def main() -> None:
             if slow or maps <= LIMITS[engine]:
                 result["search"].append(alone(engine, "paper", maps, bandwidth))
         result["search_default"].append(alone("m2t", "default", maps, bandwidth))
+        result["terms"].append(terms(maps))
     result |= {"index": indexed, "verify_ms": verify_ms(), "describe_ms": describe_ms()}
     result |= {"cold_search_seconds": cold_search_seconds(), "first_search_seconds": first_search_seconds()}
     result["bytes_per_second"] = bandwidth
@@ -123,6 +133,34 @@ def measure(engine: str, profile: str, maps: int) -> dict[str, Any]:
         "resident_mb": memory,
         "bytes": 2.3 * info.keypoints,  # cells and runs of all maps
     }
+
+
+def terms(maps: int) -> dict[str, Any]:
+    """What Whoosh's own classes take for the full-text field, by plain Whoosh, each in a process of its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        took = {f"{name}_ms": pool.submit(term_ms, name, maps).result() for name in TERMS}
+    return {"maps": maps, **took}
+
+
+def term_ms(asked: str, maps: int) -> float:
+    """The median of several tokens for ``term``, each the first of its x, else of one cold question."""
+    folder = FOLDER / f"default-{maps}"
+    document = MapIndex.open(folder).document("visits/000007")
+    tokens = {token.split("_")[0]: token for token in str(document.text).split()}
+    searcher = open_dir(folder).searcher()
+    times = []
+    for token in list(tokens.values())[:9] if asked.startswith("term") else [""]:
+        for _ in range(2 if asked == "term_again" else 1):
+            begin = perf_counter()
+            if asked == "lexicon":
+                sum(1 for _ in searcher.reader().lexicon("text"))
+            elif asked == "wildcard":
+                len(searcher.search(Wildcard("text", "x12_*_a5")))
+            else:
+                searcher.search(Term("text", token))
+            took = perf_counter() - begin
+        times.append(took * 1e3)
+    return float(np.median(times))
 
 
 def resident_mb() -> float:
@@ -207,6 +245,10 @@ def print_tables(result: dict[str, Any]) -> None:
     for row, engine in rows:
         numbers = (row["p50_ms"], row["p95_ms"], row["queries_per_second"], row["resident_mb"], row["floor_ms"])
         print(f"| {row['maps']:,} | {engine} | " + " | ".join(f"{number:,.1f}" for number in numbers) + " |")
+    print("\n| maps | a Term, ms | the same again | Wildcard x12_*_a5 | the whole lexicon |")
+    print("| ---: | ---: | ---: | ---: | ---: |")
+    for row in result["terms"]:
+        print(f"| {row['maps']:,} | " + " | ".join(f"{row[f'{name}_ms']:,.1f}" for name in TERMS) + " |")
     for name in ("search", "search_default"):
         for one, other in pairwise(row for row in result[name] if row["engine"] == "m2t"):
             ratio = other["p50_ms"] / one["p50_ms"]

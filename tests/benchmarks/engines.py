@@ -1,7 +1,8 @@
-"""Four ways to find the maps that share most words with a query: within 1 m, under the best of four turns.
+"""Five ways to find the maps that share most words with a query: within 1 m, under the best of four turns.
 
 All are asked for the ten best. `whoosh-or` and `tantivy` look up every neighbour of every token that is in the
-database, and count those of each map that match; `numpy` and `m2t` compute the paper's intersection (IV-D).
+database, and count those of each map that match; `numpy`, `m2t` and `literal` compute the paper's intersection
+(IV-D), the last of them with nothing but Whoosh's own classes on this project's index.
 """
 
 from collections import defaultdict
@@ -16,6 +17,7 @@ from whoosh.scoring import Frequency
 
 from m2t_text.description.text import WORDS, Text
 from m2t_text.index.map_index import MapIndex
+from m2t_text.index.search.literal import LiteralIntersection, LiteralQuery
 
 TOP, WINDOW = 10, 10
 
@@ -28,6 +30,16 @@ class M2T:
 
     def search(self, text: Text) -> list[float]:
         return [hit.score for hit in self.index.search(text, TOP)]
+
+
+class Literal:
+    """The definition of the score, in plain Whoosh."""
+
+    def __init__(self, index: MapIndex) -> None:
+        self.searcher = index.whoosh.searcher(weighting=LiteralIntersection(WINDOW))
+
+    def search(self, text: Text) -> list[float]:
+        return [hit.score for hit in self.searcher.search(LiteralQuery("text", text), limit=TOP)]
 
 
 class NumPy:
@@ -141,4 +153,4 @@ class Tantivy:
         return sorted(best.values(), reverse=True)[:TOP]
 
 
-ENGINES = {"m2t": M2T, "numpy": NumPy, "tantivy": Tantivy, "whoosh-or": WhooshOr}
+ENGINES = {"m2t": M2T, "numpy": NumPy, "tantivy": Tantivy, "whoosh-or": WhooshOr, "literal": Literal}

@@ -16,7 +16,7 @@ from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
 from m2t_text.index.snapshot import State
-from m2t_text.index.writing.folder import create_whoosh, holds_index, is_empty, open_whoosh, reading
+from m2t_text.index.writing.folder import check_new, create_whoosh, holds_index, is_empty, open_whoosh, reading
 from m2t_text.index.writing.map_writer import MapWriter, other_parameters, writing
 from m2t_text.util.types import StageProgress
 
@@ -42,11 +42,26 @@ class MapIndex:
     """
 
     def __init__(self, path: Path, whoosh: Any, parameters: Parameters) -> None:
+        """``whoosh`` is None where the index is to be made by the first commit; see `open_index`."""
         self.path = path
         self.parameters = parameters
-        self.whoosh = whoosh
+        self._whoosh = whoosh
         self._state: State | None = None
         self._pinned = False
+
+    def __repr__(self) -> str:
+        try:
+            held = f"{len(self):,} maps" if holds_index(self.path) else "not made yet"
+        except MapIndexError:
+            held = "unreadable"
+        return f"MapIndex({str(self.path)!r}, {held}, {self.parameters.profile})"
+
+    @property
+    def whoosh(self) -> Any:
+        """The Whoosh index. Raises MapIndexError if it was not made yet."""
+        if self._whoosh is None:
+            self._whoosh, self.parameters = open_whoosh(self.path)
+        return self._whoosh
 
     @classmethod
     def create(cls, path: str | Path, parameters: Parameters) -> "MapIndex":
@@ -87,6 +102,12 @@ class MapIndex:
         Raises:
             MapIndexError: if another process keeps writing, or the disk refuses.
         """
+        if self._whoosh is None and not holds_index(self.path):
+            try:
+                create_whoosh(self.path, self.parameters, LOCK_SECONDS)
+            except MapIndexError:
+                if not holds_index(self.path):  # else another process was quicker
+                    raise
         with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
             yield writer
 
@@ -325,29 +346,25 @@ class MapIndex:
 
 
 def open_index(path: str | Path, parameters: Parameters | None = None) -> MapIndex:
-    """The index in a folder; a new, empty one if there is none.
+    """The index in a folder. If there is none, the first commit makes it; until then nothing is written.
 
     Args:
-        path: of the folder, which is made with those above it.
+        path: of the folder.
         parameters: of a new index, those of the profile ``default`` if None. An index that is there must have
             been made with them, if they are given.
 
     Raises:
-        MapIndexError: if the folder holds something else, or an index of another version or other parameters,
-            or cannot be written.
+        MapIndexError: if the folder holds something else, or an index of another version or other parameters.
 
     Examples:
         >>> import m2t_text as m2t
-        >>> index = m2t.open_index("indexes/paper", m2t.PROFILES["paper"])
-        >>> len(index), index.parameters.profile
-        (0, 'paper')
-        >>> m2t.open_index("indexes/paper").parameters.mapping.run_length  # metres
-        3.0
+        >>> m2t.open_index("indexes/paper", m2t.PROFILES["paper"])
+        MapIndex('indexes/paper', not made yet, paper)
+        >>> m2t.open_index("indexes/default")
+        MapIndex('indexes/default', 217 maps, default)
     """
-    if not holds_index(Path(path)):
-        try:
-            return MapIndex.create(path, parameters or PROFILES["default"])
-        except MapIndexError:
-            if not holds_index(Path(path)):  # else another process was quicker
-                raise
-    return MapIndex.open(path, parameters)
+    folder = Path(path)
+    if holds_index(folder):
+        return MapIndex.open(folder, parameters)
+    check_new(folder)
+    return MapIndex(folder, None, parameters or PROFILES["default"])

@@ -84,7 +84,7 @@ def merge(
     last = {dataset.name: (dataset, index) for dataset, index in found}
     tell = progress or (lambda what, stage, done, of: None)
     target = open_index(into, opened[0].parameters)
-    if not replace:
+    if not replace and holds_index(target.path):
         _check_unique([*last, *_names(target)], f"{into} and those to merge")
     with target.writer() as writer:
         if not replace:  # another process may have added one; from here on none can

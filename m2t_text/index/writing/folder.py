@@ -29,15 +29,20 @@ def create_whoosh(folder: Path, parameters: Parameters, seconds: float) -> None:
     try:
         _make(folder)
         _refuse_index(folder)
-        foreign = [name for name in storage.list() if not OURS.fullmatch(name) or name.endswith(".seg")]
-        if foreign:
-            raise MapIndexError(f"{folder} holds other files, as {foreign[0]!r}; choose a folder of its own")
+        check_new(folder)
         with locked(folder, seconds):
             _refuse_index(folder)  # of another process, made since
             sweep(storage)
             write(storage, TOC(schema(parameters), [], 0))
     except OSError as error:
         raise MapIndexError(f"cannot make an index in {folder}: {error.strerror or error}") from error
+
+
+def check_new(folder: Path) -> None:
+    """Raises MapIndexError if a folder holds anything but what a killed writer may have left."""
+    foreign = [name for name in names(folder) if not OURS.fullmatch(name) or name.endswith(".seg")]
+    if foreign:
+        raise MapIndexError(f"{folder} holds other files, as {foreign[0]!r}; choose a folder of its own")
 
 
 def _refuse_index(folder: Path) -> None:

@@ -179,6 +179,17 @@ class MapIndex:
         with self._reading() as state:
             return state.ids
 
+    def find_document(self, map_id: str) -> Document | None:
+        """The map of this id with its text; None if there is none. It takes no longer in a larger index."""
+        with self._reading() as state:
+            return state.document(map_id)
+
+    def runs(self, dataset: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """(M,) the first scans of a dataset's maps, ascending, and (M,) the travel at which they begin, metres;
+        both empty if the index lacks the dataset."""
+        with self._reading() as state:
+            return state.runs(dataset)
+
     def document(self, map_id: str) -> Document:
         """The map of this id, exactly as it was indexed. An id that the index lacks is a QueryError."""
         with self._reading() as state:

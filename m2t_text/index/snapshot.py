@@ -191,6 +191,16 @@ class State:
         """The map of this number among the documents of all segments, with its text."""
         return self._place(number).document(text=True)
 
+    def runs(self, dataset: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """(M,) the first scans of a dataset's maps, ascending, and (M,) the travel where they begin, metres."""
+        scans, begins = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        for leaf in self.leaves:
+            own = leaf.of_dataset(dataset) & leaf.live
+            scans.append(leaf.records["first_scan"][own])
+            begins.append(leaf.records["travel"][own, 0])
+        order = np.argsort(np.concatenate(scans), kind="stable")
+        return np.concatenate(scans)[order], np.concatenate(begins)[order]
+
     def places(self) -> Iterator[Place]:
         """All maps in the order of ids."""
         return map(self._place, self._order.tolist())

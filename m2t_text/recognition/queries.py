@@ -2,14 +2,14 @@
 
 import re
 import sys
-from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.config import Parameters
-from m2t_text.description.document import Document
+from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import QueryError, TextError
 from m2t_text.index.map_index import MapIndex
@@ -22,7 +22,10 @@ RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
 ROUNDING = 0.005  # m; travel is shown to two decimals, and what is shown must name the same map
 LIMIT = 1 << 26  # bytes; the longest text read, some hundred thousand times a map's
-KINDS = "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, a .txt or point cloud file, or - for standard input"
+KINDS = (
+    "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, DATASET@METRES, "
+    "a .txt or point cloud file, or - for standard input"
+)
 
 
 @dataclass(frozen=True)
@@ -105,10 +108,13 @@ def resolve(target: str, context: Context) -> Query:
         raise QueryError(f"--run cuts a run out of a log; {target!r} is none, as LOG@METRES or LOG#SCAN is")
     if target == "-":
         return Query(_parsed(_standard_input(), "standard input"))
-    if context.index is not None and target in context.index.ids:
-        return Query.of(context.index.document(target))
-    if run and (_number(run) is not None or is_source(Path(run["log"]))):
+    document = context.index.find_document(target) if context.index is not None else None
+    if document is not None:
+        return Query.of(document)
+    if run and is_source(Path(run["log"])):
         return _run_of_log(run, context)
+    if run and _number(run) is not None:
+        return _map_of_dataset(run, context) or _run_of_log(run, context)
     if target.lower().endswith(".txt"):
         return Query(_parsed(_contents(Path(target)), repr(target)))
     if Path(target).suffix.lower() in CLOUDS:
@@ -131,7 +137,7 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")
     document = describe_at(log, scan, context.described)
     way, needed = float(np.ptp(document.travel)), context.described.mapping.run_length
-    if context.index is not None and document.map_id in _indexed(log, context.index):
+    if context.index is not None and document.first_scan in _indexed(log, context.index)[0]:
         # The travel and pose that others are compared with; a run by itself has those of the wheel odometry.
         stored = context.index.document(document.map_id)
         travelled = stored.travel if context.run is None else stored.travel[0] + np.array([0.0, way])
@@ -146,10 +152,35 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     return Query(document.text, document, log.warnings, cut=True)
 
 
-def _indexed(log: Log, index: MapIndex) -> list[str]:
-    """The ids of a log's maps. A dataset of its name that nobody drove, as a saved map, is another."""
-    ids = [i for i in index.ids if i.rpartition("/")[0] == log.name]
-    return ids if ids and index.document(ids[0]).driven else []
+def _map_of_dataset(run: re.Match[str], context: Context) -> Query | None:
+    """The map of an indexed dataset that begins at a scan or after some metres; None without such a dataset."""
+    index, number = context.index, _number(run)
+    if index is None or number is None:
+        return None
+    scans, begins = index.runs(run["log"])
+    if not len(scans):
+        return None
+    if context.run is not None:
+        raise QueryError(
+            f"--run cuts a run out of a log; {run['log']!r} is a dataset of the index, name its log"
+        )
+    by_scan = run["kind"] == "#"
+    place = int(np.searchsorted(scans if by_scan else begins, number if by_scan else number - ROUNDING))
+    if place == len(scans):
+        raise QueryError(
+            f"{run[0]!r}: the last map of {run['log']} begins after {begins[-1]:.2f} m, at scan #{scans[-1]}"
+        )
+    return Query.of(index.document(map_id_of(run["log"], int(scans[place]))))
+
+
+def _indexed(log: Log, index: MapIndex) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The first scans of a log's maps, and the travel at which they begin; both are empty if it is not indexed.
+
+    A dataset of its name without a drive, as a saved map, is another."""
+    scans, begins = index.runs(log.name)
+    if len(scans) and index.document(map_id_of(log.name, int(scans[0]))).driven:
+        return scans, begins
+    return scans[:0], begins[:0]
 
 
 def _number(run: re.Match[str]) -> float | None:
@@ -160,14 +191,12 @@ def _number(run: re.Match[str]) -> float | None:
 
 def _scan_after(metres: float, log: Log, context: Context) -> int:
     """The scan at which a map begins after so much travel: as the index has it, else by the wheel odometry."""
-    index = context.index
-    ids = _indexed(log, index) if index else []
-    if index is not None and ids:
-        place = bisect_left(ids, metres - ROUNDING, key=lambda map_id: index.document(map_id).travel[0])
-        last = index.document(ids[-1])
-        if place < len(ids):
-            return index.document(ids[place]).first_scan
-        begin, scan = float(last.travel[0]), last.first_scan
+    scans, begins = _indexed(log, context.index) if context.index else (np.zeros(0, np.int64), np.zeros(0))
+    if len(scans):
+        place = int(np.searchsorted(begins, metres - ROUNDING))
+        if place < len(scans):
+            return int(scans[place])
+        begin, scan = float(begins[-1]), int(scans[-1])
     else:
         from m2t_text.mapping.trajectory import travel_of  # compiled code, slow to import
 
@@ -222,8 +251,8 @@ def _unknown(target: str, context: Context) -> str:
     if context.index is None:
         return f"there is no index to find the map {target!r} in; make one with `m2t-text index LOG`"
     dataset, number = named["dataset"], int(named["number"])
-    ids = [i for i in context.index.ids if i.rpartition("/")[0] == dataset]
-    if ids:
-        nearest = min(ids, key=lambda map_id: abs(int(map_id.rpartition("/")[2]) - number))
-        return f"no map {target!r} in {context.index.path}; the nearest of its {len(ids)} maps is {nearest}"
+    scans, _ = context.index.runs(dataset)
+    if len(scans):
+        nearest = map_id_of(dataset, int(scans[np.abs(scans - number).argmin()]))
+        return f"no map {target!r} in {context.index.path}; the nearest of its {len(scans)} maps is {nearest}"
     return context.index.lacking(dataset)

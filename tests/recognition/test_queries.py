@@ -216,3 +216,30 @@ def test_a_run_that_the_drive_is_cut_in_is_refused(tmp_path: Path) -> None:
     with pytest.raises(QueryError, match=r"and the drive is cut \d\.\d\d m after scan #20; name an earl"):
         resolve(f"{path}#20", Context(DEFAULT))
     assert resolve(f"{path}#31", Context(DEFAULT)).document is not None
+
+
+def test_a_dataset_of_the_index_is_named_like_its_log(context: Context) -> None:
+    assert context.index is not None
+    begin = context.index.document("drive/000057").travel[0]
+    for target in (f"drive@{begin:.2f}", "drive#57"):
+        query = resolve(target, context)
+        assert query.title == "drive/000057" and same(query.text, context.index.document("drive/000057").text)
+    with pytest.raises(QueryError, match=r"'drive@900': the last map of drive begins after .* m, at scan #"):
+        resolve("drive@900", context)
+    with pytest.raises(QueryError, match="'drive' is a dataset, so name its log"):
+        resolve("drive@3", replace(context, run=0.0))
+
+
+def test_what_is_named_is_found_without_looking_at_all_names(
+    context: Context, simulated: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To list and sort the ids of a million maps takes longer than a search."""
+
+    def every_id(index: MapIndex) -> list[str]:
+        raise AssertionError("all ids were asked for")
+
+    monkeypatch.setattr(MapIndex, "ids", property(every_id))
+    for target in ("drive/000040", "drive@3", f"{simulated}#40", f"{simulated}@3"):
+        assert resolve(target, context).document is not None
+    with pytest.raises(QueryError, match="the nearest of its"):
+        resolve("drive/999999", context)

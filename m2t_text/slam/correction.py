@@ -55,36 +55,35 @@ def correct(walked: Walk, jobs: int = 1, progress: StageProgress | None = None) 
     tell = progress or (lambda stage, done, of: None)
     raw = walked.survey.trajectory
     keys = key_scans(walked.log, raw)
-    steps = _steps(walked, keys).joined(wheel_steps(walked.log.odometry, raw, keys))
-    loops = _loops(walked, keys)
+    matched, loops = _steps(walked, keys), _loops(walked, keys)
+    wheels = walked.log.odometry[keys.numbers]
     compared = Neighbours(keys, jobs)
-    start = _in_one_frame(raw[keys.numbers], keys, loops)
-    fixed = steps.joined(loops).joined(compared.behind(start, partial(tell, "comparing scans")))
-    poses, graph, known = optimise(start, fixed), fixed, loops
-    moved = np.inf
+    poses = _in_one_frame(raw[keys.numbers], keys, loops)
+    behind = compared.behind(poses, partial(tell, "comparing scans"))
+
+    def graph_at(poses: Floats, nearby: Constraints) -> Constraints:
+        steps = matched.joined(wheel_steps(wheels, poses, keys))
+        return steps.joined(loops).joined(behind).joined(nearby)
+
+    poses = optimise(poses, graph_at(poses, loops.chosen([])))
+    known, moved = loops, np.inf
     for turn in range(ROUNDS):
         last = moved <= SETTLED or turn == ROUNDS - 1
         pairs = pairs_nearby(keys, poses, known)
         nearby = compared.nearby(pairs, poses, not last, partial(tell, f"closing loops, round {turn + 1}"))
-        graph = fixed.joined(nearby)
+        graph = graph_at(poses, nearby)
         before, poses = poses, optimise(poses, graph)
         moved = float(np.abs(poses - before)[:, :2].max())
         known = loops.joined(nearby.chosen(robust_weights(nearby, poses) >= OUTLIER))
         if last:
             break
-    counts = [len(steps), len(loops), len(graph) - len(steps) - len(loops)]
-    kinds = np.repeat(["step", "loop", "neighbour"], counts)
+    after = len(loops), len(behind) + len(nearby)
+    kinds = np.repeat(["step", "loop", "neighbour"], [len(graph) - sum(after), *after])
     right = robust_weights(graph, poses) >= OUTLIER
     poses = optimise(poses, graph.chosen(right))
-    dropped = tuple(int((kinds[~right] == kind).sum()) for kind in ("loop", "neighbour"))
-    return Correction(
-        spread(raw, keys, poses),
-        keys,
-        graph.chosen(right),
-        kinds[right],
-        (dropped[0], dropped[1]),
-        _joined(keys, graph.chosen(right)),
-    )
+    dropped = int((kinds[~right] == "loop").sum()), int((kinds[~right] == "neighbour").sum())
+    joined = _joined(keys, graph.chosen(right))
+    return Correction(spread(raw, keys, poses), keys, graph.chosen(right), kinds[right], dropped, joined)
 
 
 def _in_one_frame(poses: Floats, keys: KeyScans, loops: Constraints) -> Floats:

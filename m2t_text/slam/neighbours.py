@@ -35,7 +35,7 @@ SHIFT = (0.5, 0.15)  # m and rad; scans of one visit that move by more were conf
 REMAINDER = np.array([0.01, 0.01, 0.003])  # m, m, rad
 NOISE, CORRELATION = 0.01, 10.0  # m, least noise of points; so many points count as one
 WEAK = np.diag([1e-2, 1e-2, 1e-1])  # information that is taken for granted, as a matrix may be singular
-CHUNK = 4096  # rows of distances at once
+CHUNK = 512  # rows of distances at once
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ Grisetti et al., "A tutorial on graph-based SLAM" (2010); the loss is Cauchy's, 
 SciPy's sparse direct solver does the solving.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,9 @@ class Constraints:
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def chosen(self, mask: NDArray[np.bool_] | Ints) -> "Constraints":
+    def chosen(self, mask: NDArray[np.bool_] | Sequence[int]) -> "Constraints":
         """Those of a mask or of indices."""
+        mask = np.asarray(mask, dtype=np.int64 if not len(mask) else None)
         return Constraints(self.pairs[mask], self.poses[mask], self.information[mask], self.robust[mask])
 
     def joined(self, other: "Constraints") -> "Constraints":

@@ -13,17 +13,17 @@ STILL = 0.01  # m of travel that are taken for granted
 TURN = 0.1  # m of slip that one radian of turning counts as
 
 
-def wheel_steps(odometry: Floats, matched: Floats, keys: KeyScans) -> Constraints:
+def wheel_steps(wheels: Floats, robot: Floats, keys: KeyScans) -> Constraints:
     """From each key scan to the next of its drive, as the wheels have it; nothing for drives without wheels.
 
-    How far they err is told by how far they leave scan matching, over 0.3 to 30 m: wheels with a bias, or worse
-    ones than scan matching, say little. Those as good as it hold what it does not, along a featureless wall.
+    How far they err is told by how far they leave the trajectory as it is known, over 0.3 to 30 m: wheels with
+    a bias, or much worse ones than scan matching, say little. Good ones hold what it does not, along a wall
+    without features.
 
     Args:
-        odometry: (S, 3) poses of all scans by the wheels alone.
-        matched: (S, 3) by odometry and scan matching.
+        wheels: (K, 3) poses of the key scans by the wheels alone.
+        robot: (K, 3) their poses as far as they are known.
     """
-    wheels, robot = odometry[keys.numbers], matched[keys.numbers]
     turned = np.concatenate([[0.0], np.cumsum(np.abs(wrap(np.diff(robot[:, 2]))))])
     moves = np.array(
         [np.ptp(wheels[keys.drives == drive], axis=0).any() for drive in range(keys.drives[-1] + 1)]

@@ -1,0 +1,54 @@
+"""Wheels count as far as they agree with the trajectory."""
+
+import numpy as np
+import pytest
+
+from m2t_text.logs.odometry import chain
+from m2t_text.mapping.scan_cloud import ScanCloud
+from m2t_text.slam.key_scans import KeyScans
+from m2t_text.slam.wheels import wheel_steps
+from m2t_text.util.geometry import between, travel
+
+COUNT = 400
+RNG = np.random.default_rng(2)
+STEPS = np.column_stack([np.full(COUNT, 0.3), np.zeros(COUNT), RNG.normal(0, 0.1, COUNT)])
+ROBOT = chain(np.zeros(3), STEPS)
+
+
+def keys(drives: np.ndarray | None = None) -> KeyScans:
+    nothing = ScanCloud(np.empty((0, 2)), np.empty((0, 2)))
+    count = COUNT + 1
+    of = np.zeros(count, dtype=np.int64) if drives is None else drives
+    return KeyScans(np.arange(count), [nothing] * count, travel(ROBOT), of)
+
+
+def noisy(scale: float, turn: float) -> np.ndarray:
+    """What wheels say that err by this much, m and rad per square root of m."""
+    errors = RNG.normal(0, 1, (COUNT, 3)) * np.sqrt(0.3) * [scale, scale, turn]
+    return chain(np.zeros(3), STEPS + errors)
+
+
+def test_the_noise_of_wheels_is_found() -> None:
+    wheels = noisy(0.02, 0.01)
+    found = wheel_steps(wheels, ROBOT, keys())
+    assert len(found) == COUNT and found.pairs[:2].tolist() == [[0, 1], [1, 2]]
+    assert found.poses == pytest.approx(between(wheels[:-1], wheels[1:]))
+    sigma = 1 / np.sqrt(found.information[:, [0, 2], [0, 2]].mean(axis=0))
+    assert 0.02 < sigma[0] / np.sqrt(0.3) < 0.1 and 0.01 < sigma[1] / np.sqrt(0.3) < 0.02
+
+
+def test_a_bias_makes_wheels_say_little() -> None:
+    """Of 2 % in length: as much as 0.11 m per square root of a metre, over 30 m."""
+    wheels = chain(np.zeros(3), STEPS * [1.02, 1.0, 1.0])
+    honest = wheel_steps(noisy(0.01, 0.001), ROBOT, keys())
+    biased = wheel_steps(wheels, ROBOT, keys())
+    assert biased.information[0, 0, 0] < honest.information[0, 0, 0] / 4
+
+
+def test_drives_without_wheels_have_no_steps() -> None:
+    drives = np.repeat([0, 1], [200, COUNT + 1 - 200])
+    wheels = noisy(0.01, 0.001)
+    wheels[200:] = wheels[200]
+    found = wheel_steps(wheels, ROBOT, keys(drives))
+    assert found.pairs.max() == 199 and len(found) == 199
+    assert len(wheel_steps(np.zeros_like(ROBOT), ROBOT, keys())) == 0

@@ -226,7 +226,7 @@ def test_a_dataset_of_the_index_is_named_like_its_log(context: Context) -> None:
         assert query.title == "drive/000057" and same(query.text, context.index.document("drive/000057").text)
     with pytest.raises(QueryError, match=r"'drive@900': the last map of drive begins after .* m, at scan #"):
         resolve("drive@900", context)
-    with pytest.raises(QueryError, match="'drive' is a dataset, so name its log"):
+    with pytest.raises(QueryError, match="'drive' is a dataset of the index, name its log"):
         resolve("drive@3", replace(context, run=0.0))
 
 

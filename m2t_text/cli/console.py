@@ -1,10 +1,14 @@
 """What reaches the terminal: results on standard output, everything else on standard error."""
 
 import json
+import os
+import shlex
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isnan
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +66,25 @@ def print_held(info: "IndexInfo") -> None:
 def print_lines(*lines: str) -> None:
     """Plain lines on standard output."""
     print("\n".join(clean(line) for line in lines))
+
+
+def as_called() -> str:
+    """How the program can be called from here: by its name where the shell would find it, else by its path."""
+    program = Path(sys.argv[0])
+    if program.parts[-2:] == ("m2t_text", "__main__.py"):
+        return f"{_shortest(Path(sys.executable))} -m m2t_text"
+    found = shutil.which("m2t-text")
+    if program.stem != "m2t-text" or (found is not None and Path(found).resolve() == program.resolve()):
+        return "m2t-text"
+    return _shortest(program)
+
+
+def _shortest(program: Path) -> str:
+    """A path for a shell: relative where that is shorter, and quoted."""
+    whole = program.absolute()
+    relative = os.path.relpath(whole)
+    named = relative if os.sep in relative else f"./{relative}"
+    return shlex.quote(min(named, str(whole), key=len))
 
 
 @contextmanager

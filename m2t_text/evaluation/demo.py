@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 
@@ -40,7 +41,6 @@ class DemoReport:
         scans: of both drives.
         maps: in the index.
         visits: the places looked up, and what was found.
-        sure: of the hits with the verdict ``match``, whether they were right.
         best: one search, the one that is drawn.
         seconds: for one search, on average.
     """
@@ -49,13 +49,13 @@ class DemoReport:
     scans: tuple[int, int]
     maps: int
     visits: list[Visit]
-    sure: list[bool]
     best: Answer
     seconds: float
 
-    def lines(self) -> list[str]:
-        """What to print: what was done, and how to go on."""
+    def lines(self, program: str) -> list[str]:
+        """What to print: what was done, and how to go on; ``program`` is how the command line is called."""
         folder, right = self.folder, sum(visit.right for visit in self.visits)
+        sure = [visit.right for visit in self.visits if visit.answered]
         assert self.best.query.document is not None
         query, hit = self.best.query.document, self.best.finding.results[0].hit
         return [
@@ -63,15 +63,15 @@ class DemoReport:
             f"Indexed the first drive: {self.maps} local maps as text in {folder}/index.",
             f"Looked up a place of the second drive every {APART:g} m: "
             f"{right} of {len(self.visits)} found within {RIGHT:g} m, {1000 * self.seconds:.0f} ms each.",
-            f"Of {len(self.sure)} with the verdict `match`, {sum(self.sure)} are right.",
+            f"Of {len(sure)} with the verdict `match`, {sum(sure)} are right.",
             f"Drew {folder}/overview.png (all of them) and {folder}/match.png (one that was found).",
             "",
             "Go on with",
-            f"  m2t-text search {folder}/second-visit.log#{query.first_scan} --index {folder}/index",
-            f"  m2t-text inspect {hit.map_id} --index {folder}/index",
-            f"  m2t-text info --index {folder}/index",
-            "  m2t-text index YOUR.log && m2t-text search YOUR.log@35 --exclude-travel 10",
-            f"  m2t-text serve --index {folder}/index",
+            f"  {program} search {folder}/second-visit.log#{query.first_scan} --index {folder}/index",
+            f"  {program} inspect {hit.map_id} --index {folder}/index",
+            f"  {program} info --index {folder}/index",
+            f"  {program} index YOUR.log && {program} search YOUR.log@35 --exclude-travel 10",
+            *([f"  {program} serve --index {folder}/index"] if find_spec("starlette") else []),
         ]
 
 
@@ -91,24 +91,21 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: SourceProgress) -> De
     findings = [find(index, Query.of(query), 1) for query in queries]
     seconds = (perf_counter() - begin) / len(queries)
     known = np.array([_place(first, document) for document in index.documents(first.name)])
-    visits, right, sure = [], [], []
+    visits, right = [], []
     for query, finding in zip(queries, findings, strict=True):
         place, hit = _place(second, query), _place(first, finding.results[0].hit.document)
         if _near(place, known, KNOWN):
-            visits.append(Visit(place, hit, _near(place, hit[None], RIGHT)))
+            visits.append(Visit(place, hit, _near(place, hit[None], RIGHT), finding.verdict == "match"))
             if visits[-1].right:
                 right.append(query)
-            if finding.verdict == "match":
-                sure.append(visits[-1].right)
-    assert first.ground_truth is not None
-    walls = walls_of(first, first.ground_truth)
+    walls = np.concatenate([_walls(first), _walls(second)])
     plot_overview(walls, _way(first), _way(second), visits, folder / "overview.png")
     drawn = right or queries
     scan = drawn[len(drawn) // 2].first_scan
     best = search(f"{folder}/{second.name}.log#{scan}", index, SearchOptions())
     shown = [(found, index.document(found.hit.map_id).text) for found in best.finding.results[:SHOWN]]
     plot_match(best.query.text, best.query.title, shown, index.parameters, folder / "match.png")
-    return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, sure, best, seconds)
+    return DemoReport(folder, (len(first.scans), len(second.scans)), len(index), visits, best, seconds)
 
 
 def _drives(folder: Path, seed: int, progress: SourceProgress) -> tuple[Log, Log]:
@@ -142,6 +139,11 @@ def _place(log: Log, document: Document) -> Floats:
 
 def _near(place: Floats, others: Floats, metres: float) -> bool:
     return bool(np.hypot(*(others - place).T).min() <= metres)
+
+
+def _walls(log: Log) -> Floats:
+    assert log.ground_truth is not None
+    return walls_of(log, log.ground_truth)
 
 
 def _way(log: Log) -> Floats:

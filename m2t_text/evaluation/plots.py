@@ -22,6 +22,7 @@ from m2t_text.plotting.canvas import (
     PALE,
     QUERY,
     draw_match,
+    draw_overlap,
     draw_viewpoint,
     draw_walls,
     entitle,
@@ -114,20 +115,26 @@ def pairs_figure(pairs: Sequence[Pair]) -> Figure:
     axes = figure.subplots(len(pairs), len(METHODS), squeeze=False, sharex=True, sharey=True)
     for row, pair in zip(axes, pairs, strict=True):
         for one, (method, name, _, reach) in zip(row, METHODS, strict=True):
-            matched = draw_match(one, pair.query_text, pair.found_text, reach or pair.tolerance, pair.cell)
+            window = reach or pair.tolerance
+            if window > 1:
+                matched = draw_match(one, pair.query_text, pair.found_text, window, pair.cell)
+            else:  # where matches must meet, no line would be seen
+                matched = draw_overlap(one, pair.query_text, pair.found_text, pair.cell)
             draw_viewpoint(one, pair.alignment, QUERY)
             draw_viewpoint(one, np.zeros(3), HIT)
             kind = "the same place" if pair.relevant else "another place"
             entitle(
                 one,
                 f"{name}, {kind}",
-                f"{_number(pair.query)} and {_number(pair.found)}: {matched} matched keypoints, "
-                f"score {pair.scores[method]:.3g}",
+                f"{_number(pair.query)} and {_number(pair.found)}: {matched} of {len(pair.query_text)} "
+                f"keypoints matched, score {pair.scores[method]:.3g}",
             )
             one.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
             make_metric(one)
     marks = [mark(QUERY, "query"), mark(HIT, "map of the index"), mark(MATCHED, "same word", "-")]
-    figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    if any(pair.tolerance <= 1 for pair in pairs):
+        marks.append(mark(MATCHED, "both, at the agreed offset"))
+    figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False, fontsize=9)
     return figure
 
 

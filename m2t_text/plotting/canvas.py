@@ -1,13 +1,15 @@
 """What pictures are made of: functions that fill axes, in the frame of a map's viewpoint, in metres."""
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from m2t_text.description.text import WORDS, Text
+from m2t_text.description.text import Text
 from m2t_text.logs.log import Log
 from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.util.geometry import transform
@@ -15,7 +17,7 @@ from m2t_text.util.types import Floats
 
 QUERY, HIT, MATCHED = "#1a9641", "#2b6cb0", "#d7301f"
 FIRST, LATER = "#7a8ba0", "#e08214"
-INK, PALE = "#222222", "#d5d9de"
+INK, PALE, WITHHELD = "#222222", "#d5d9de", "#9aa1ab"
 FREE, FREE_EDGE = "#e6f2ea", "#a9cdb6"
 ARROW = 1.2  # m; length of the arrow that shows a viewing direction
 WALL_RANGE, WALL_CELL = 10.0, 0.1  # m; which hits are drawn, and how far apart
@@ -26,10 +28,20 @@ def draw_keypoints(axes: Axes, text: Text, colour: str, cell: float) -> None:
     axes.plot(*metres(text, cell).T, ".", ms=3.5, color=colour, mec="none")
 
 
-def draw_words(axes: Axes, text: Text, cell: float) -> None:
-    """A text's keypoints as dots whose colour is the appearance word, 0 to 1023."""
+def draw_words(axes: Axes, text: Text, cell: float) -> NDArray[np.int64]:
+    """A text's keypoints as dots with a colour for each appearance word in it; returns these words, ascending.
+
+    A text has a few dozen of the 1024 words, so colours follow a word's rank in the text: see `word_colours`.
+    """
+    words, ranks = np.unique(text.wa, return_inverse=True)
     x, y = metres(text, cell).T
-    axes.scatter(x, y, c=text.wa, cmap="turbo", vmin=0, vmax=WORDS - 1, s=12, lw=0)
+    axes.scatter(x, y, c=ranks, cmap=word_colours(len(words)), vmin=-0.5, vmax=len(words) - 0.5, s=12, lw=0)
+    return words.astype(np.int64)
+
+
+def word_colours(count: int) -> ListedColormap:
+    """As many colours as words, as far apart as there is room between blue and red."""
+    return ListedColormap(colormaps["turbo"](np.linspace(0.06, 0.94, max(1, count))))
 
 
 def draw_free(axes: Axes, text: Text, cell: float, edges: bool = False) -> None:
@@ -65,7 +77,7 @@ def draw_overlap(axes: Axes, query: Text, found: Text, cell: float) -> int:
         return 0
     distance, _ = KDTree(found.positions()).query(query.positions(), p=np.inf, distance_upper_bound=1.5)
     matched = metres(query, cell)[np.isfinite(distance)]
-    axes.plot(*matched.T, ".", ms=3.5, color=MATCHED, mec="none")
+    axes.plot(*matched.T, ".", ms=4.5, color=MATCHED, mec="none")
     return len(matched)
 
 
@@ -80,7 +92,7 @@ def draw_viewpoint(axes: Axes, pose: Floats, colour: str) -> None:
 
 def draw_walls(axes: Axes, points: Floats) -> None:
     """What the laser hit, (N, 2), as fine dots."""
-    axes.plot(*points.T, ".", ms=1.8, color="#4b5563", mec="none", rasterized=True)
+    axes.plot(*points.T, ".", ms=2.2, color="#4b5563", mec="none", rasterized=True)
 
 
 def walls_of(log: Log, poses: Floats) -> Floats:

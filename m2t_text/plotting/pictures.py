@@ -7,15 +7,17 @@ from math import ceil
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
-from m2t_text.description.text import WORDS, Text
+from m2t_text.description.text import Text
 from m2t_text.errors import M2TError
 from m2t_text.plotting.canvas import (
     ARROW,
@@ -25,7 +27,9 @@ from m2t_text.plotting.canvas import (
     INK,
     LATER,
     MATCHED,
+    PALE,
     QUERY,
+    WITHHELD,
     draw_free,
     draw_keypoints,
     draw_match,
@@ -38,6 +42,7 @@ from m2t_text.plotting.canvas import (
     make_metric,
     mark,
     metres,
+    word_colours,
 )
 from m2t_text.recognition.finding import Found
 from m2t_text.util.files import written_whole
@@ -46,16 +51,25 @@ from m2t_text.util.types import Floats
 
 ENDINGS = (".png", ".pdf", ".svg")
 PANELS = 5  # hits in one picture
+NAMED = 16  # words named beside a picture
 TITLE = 34  # characters of a map id in a title
 
 
 @dataclass(frozen=True)
 class Visit:
-    """A place that was looked up: (2,) where the query and its best hit lie, and whether that is right."""
+    """A place that was looked up: (2,) where the query and its best hit lie, whether that is right, and whether
+    it was given as the answer (the verdict ``match``) or withheld."""
 
     query: Floats
     hit: Floats
     right: bool
+    answered: bool
+
+    @property
+    def colour(self) -> str:
+        if not self.answered:
+            return WITHHELD
+        return QUERY if self.right else MATCHED
 
 
 def check_picture(path: Path) -> None:
@@ -131,7 +145,7 @@ def plot_document(text: Text, document: Document | None, cell: float, path: Path
     figure = Figure((width + 1.8, height + 1.2), layout="compressed", facecolor="white")
     axes = figure.subplots()
     draw_free(axes, text, cell, edges=True)
-    draw_words(axes, text, cell)
+    words = draw_words(axes, text, cell)
     marks = [mark(INK, "viewpoint and direction")]
     if len(text.free):
         marks.append(mark(FREE_EDGE, "free squares", "", "s"))
@@ -145,10 +159,20 @@ def plot_document(text: Text, document: Document | None, cell: float, path: Path
     free = f", {len(text.free)} free squares" if len(text.free) else ""
     entitle(axes, title, f"{len(text)} keypoints, {text.words} different words{free}")
     make_metric(axes)
-    colours = ScalarMappable(Normalize(0, WORDS - 1), "turbo")
-    figure.colorbar(colours, ax=axes, label="appearance word $w_a$", shrink=0.7, ticks=[0, 256, 512, 768, 1023])
+    if len(words):
+        _explain_words(figure, axes, words)
     figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     save(figure, path)
+
+
+def _explain_words(figure: Figure, axes: Axes, words: NDArray[np.int64]) -> None:
+    """A bar with a field for each word of a text, of which as many are named as can be read."""
+    colours = ScalarMappable(Normalize(-0.5, len(words) - 0.5), word_colours(len(words)))
+    named = np.unique(np.linspace(0, len(words) - 1, min(len(words), NAMED)).round().astype(int))
+    bar = figure.colorbar(colours, ax=axes, label="appearance word $w_a$", shrink=0.7, ticks=named)
+    bar.ax.set_yticklabels([str(word) for word in words[named]], fontsize=8)
+    bar.ax.minorticks_off()
+    bar.outline.set_edgecolor(PALE)
 
 
 def plot_overview(walls: Floats, first: Floats, later: Floats, visits: Sequence[Visit], path: Path) -> None:
@@ -161,21 +185,29 @@ def plot_overview(walls: Floats, first: Floats, later: Floats, visits: Sequence[
     draw_walls(axes, walls)
     axes.plot(*first.T, color=FIRST, lw=5, alpha=0.45, solid_capstyle="round")
     axes.plot(*later.T, color=LATER, lw=1.5)
-    colours = [QUERY if visit.right else MATCHED for visit in visits]
-    links = np.array([(visit.query, visit.hit) for visit in visits]).reshape(-1, 2, 2)
-    axes.add_collection(LineCollection(list(links), colors=colours, lw=1.2, alpha=0.8, zorder=4))
+    drawn = sorted(visits, key=lambda visit: (visit.answered, not visit.right))  # wrong answers on top
+    colours = [visit.colour for visit in drawn]
+    links = np.array([(visit.query, visit.hit) for visit in drawn]).reshape(-1, 2, 2)
+    widths = [1.4 if visit.answered else 0.7 for visit in drawn]
+    axes.add_collection(LineCollection(list(links), colors=colours, lw=widths, alpha=0.8, zorder=4))
     axes.scatter(links[:, 0, 0], links[:, 0, 1], c=colours, s=28, zorder=5, edgecolors="white", lw=0.6)
-    right = sum(visit.right for visit in visits)
+    answered = [visit.right for visit in visits if visit.answered]
     axes.set(xlim=box[:, 0], ylim=box[:, 1])
-    entitle(axes, "Places of the later visit, found again by their texts", f"{right} of {len(visits)} right")
+    entitle(
+        axes,
+        "Places of the later visit, found again by their texts",
+        f"{len(visits)} places: {sum(answered)} of {len(answered)} answers right, "
+        f"{len(visits) - len(answered)} withheld",
+    )
     make_metric(axes)
     marks = [
         mark(FIRST, "first visit, indexed", "-"),
         mark(LATER, "later visit", "-"),
-        mark(QUERY, "query, linked with its best hit: right"),
+        mark(QUERY, "place, linked with its best hit: right"),
         mark(MATCHED, "wrong"),
+        mark(WITHHELD, "withheld: no `match`"),
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    figure.legend(handles=marks, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     save(figure, path)
 
 

@@ -85,9 +85,36 @@ def test_the_same_picture_twice_is_the_same_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [0, 3])
 def test_an_overview_with_and_without_places(tmp_path: Path, count: int) -> None:
     ways = np.array([[0.0, 0.0], [4.0, 1.0], [8.0, 0.0]])
-    visits = [pictures.Visit(way, way + 0.5, k > 0) for k, way in enumerate(ways[:count])]
+    visits = [pictures.Visit(way, way + 0.5, k > 0, k < 2) for k, way in enumerate(ways[:count])]
     pictures.plot_overview(ways + 1.0, ways, ways + 0.1, visits, tmp_path / "overview.png")
     assert (tmp_path / "overview.png").read_bytes().startswith(PNG)
+
+
+def test_wrong_answers_are_red_and_withheld_ones_grey() -> None:
+    here = np.zeros(2)
+    colours = [
+        pictures.Visit(here, here, right, answered).colour
+        for right, answered in [(True, True), (False, True), (True, False), (False, False)]
+    ]
+    assert colours == [canvas.QUERY, canvas.MATCHED, canvas.WITHHELD, canvas.WITHHELD]
+
+
+def test_words_that_are_near_have_colours_that_differ() -> None:
+    """Of the 1024 words a text has a few dozen, most of them low: by value they would all be blue."""
+    axes = Figure().subplots()
+    words = [3, 5, 5, 6, 48, 1023]
+    assert canvas.draw_words(axes, Text.of(range(6), [0] * 6, words), 0.1).tolist() == [3, 5, 6, 48, 1023]
+    (drawn,) = axes.collections
+    drawn.update_scalarmappable()
+    colours = drawn.get_facecolors()[:, :3]
+    assert np.array_equal(colours[1], colours[2])
+    apart = np.abs(colours[:, None] - colours[None]).sum(axis=2)
+    assert apart[np.not_equal.outer(words, words)].min() > 0.3
+
+
+def test_the_bar_names_the_words(tmp_path: Path) -> None:
+    pictures.plot_document(SQUARE, None, 0.1, tmp_path / "map.svg")
+    assert all(f"<!-- {word} -->" in (tmp_path / "map.svg").read_text() for word in (5, 700, 1023))
 
 
 @pytest.mark.parametrize(

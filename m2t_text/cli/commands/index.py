@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from m2t_text.cli.compiling import compile_beside, compile_first
-from m2t_text.cli.console import a_number, bars, complain, note, print_held, print_lines, print_table
+from m2t_text.cli.console import a_number, as_called, bars, complain, note, print_held, print_lines, print_table
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, reads_logs
 from m2t_text.config import PROFILES, parameters_of
 from m2t_text.util.files import check_folder
@@ -44,7 +44,7 @@ def demo(
     compile_first([Group.DESCRIBING])
     with bars() as progress:
         report = run_demo(folder, seed, cores(jobs), progress)
-    print_lines(*report.lines())
+    print_lines(*report.lines(as_called()))
 
 
 def simulate(

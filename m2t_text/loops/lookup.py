@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-from scipy.spatial import KDTree
 from whoosh.query import Not, Or, Query, Term
 
 from m2t_text.config import MappingParameters
@@ -14,20 +12,15 @@ from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.search.query import NumberRange
 from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.recognition.covariance import fit_covariance
 from m2t_text.recognition.finding import find
 from m2t_text.recognition.queries import Query as Sought
-from m2t_text.recognition.verification import INLIER, Shape
-from m2t_text.util.geometry import inverse, transform
+from m2t_text.recognition.verification import Shape
 from m2t_text.util.types import Floats
 from m2t_text.util.workers import mapped
 
 APART = 10.0  # m of travel between the middles of two maps of one drive, at least: another visit
 EVERY = 1.0  # m of travel from one query to the next
-# Errors of alignments on the five logs of the Radish repository:
-REMAINDER = np.array([0.03, 0.03, 0.01])  # m, m, rad; of the best ones, as drift bends the runs themselves
-LEAST_NOISE = 0.01  # m
-KNOWN_ANYWAY = np.array([1e-2, 1e-2, 1e-1])  # 1/m², 1/m², 1/rad²; information that is taken for granted
-CORRELATION = 25.0  # neighbouring keypoints err together: so many count as one
 
 
 @dataclass(frozen=True)
@@ -87,19 +80,6 @@ def _known(query: Document) -> Query:
 def alignment_covariance(query: Shape, found: Shape, pose: Floats, mapping: MappingParameters) -> Floats:
     """(3, 3) covariance of the ``pose`` (3,) of the query in the found map's frame, in the query's frame.
 
-    That of a point-to-line fit by least squares: large along a wall if little stands across it. As the runs of
-    queries overlap, the loops of one visit repeat each other, and each says so much less.
+    As the runs of queries overlap, the loops of one visit repeat each other, and each says so much less.
     """
-    back = inverse(pose)
-    walls = transform(back, found.points)
-    across = transform(np.array([0.0, 0.0, back[2]]), found.normals)
-    near = KDTree(walls).query(query.points, distance_upper_bound=INLIER)
-    distance, nearest = (np.asarray(part) for part in near)
-    points, partner = query.points[np.isfinite(distance)], nearest[np.isfinite(distance)]
-    lever = across[partner, 1] * points[:, 0] - across[partner, 0] * points[:, 1]
-    slopes = np.column_stack([across[partner], lever])
-    misfit = ((points - walls[partner]) * across[partner]).sum(axis=1)
-    held = max(int(slopes.any(axis=1).sum()), 1)
-    variance = max(float((misfit**2).sum()) / held, LEAST_NOISE**2) * CORRELATION
-    fit = np.linalg.inv(slopes.T @ slopes / variance + np.diag(KNOWN_ANYWAY))  # nothing may hold a direction
-    return (np.diag(REMAINDER**2) + fit) * mapping.run_length / EVERY
+    return fit_covariance(query, found, pose) * mapping.run_length / EVERY

@@ -6,6 +6,7 @@ from typing import Any
 
 from m2t_text.errors import QueryError
 from m2t_text.index.map_index import MapIndex
+from m2t_text.recognition.covariance import dataset_covariance
 from m2t_text.recognition.finding import Finding, Found, find
 from m2t_text.recognition.queries import Context, Query, resolve
 from m2t_text.sources.opening import SourceOptions
@@ -61,10 +62,19 @@ class Answer:
             },
             "verdict": self.finding.verdict,
             "results": [
-                _result(rank, result, driven is not None)
+                _result(rank, result, driven is not None) | {"covariance": self._covariance(result)}
                 for rank, result in enumerate(self.finding.results, start=1)
             ],
         }
+
+    def _covariance(self, result: Found) -> list[list[float]] | None:
+        """Of the query's pose in the frame of the hit's dataset."""
+        query, alignment = self.query.document, result.alignment
+        if query is None or alignment is None or result.dataset_pose is None:
+            return None
+        found, cell = self.index.document(result.hit.map_id), self.index.parameters.mapping.cell
+        covariance: list[list[float]] = dataset_covariance(query, found, alignment, cell).tolist()
+        return covariance
 
 
 def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:

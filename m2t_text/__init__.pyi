@@ -14,7 +14,8 @@ from .logs.log import Log, LogOptions, Scan
 from .logs.simulator import Simulation, simulate, write_carmen
 from .pipeline import describe, describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
-from .recognition.finding import Finding, Found, find, verify_hits
+from .recognition.finding import Finding, find, verify_hits
+from .recognition.found import Found
 from .recognition.queries import Query
 from .recognition.verification import Alignment, align, relative_pose
 from .slam.mapping import MapOfLogs, map_logs

@@ -264,6 +264,7 @@ class MapIndex:
         exclude: tuple[str, float, float] | None = None,
         method: "Method" = "m2t",
         filter: Query | str | None = None,
+        texts: bool = False,
     ) -> list[Hit]:
         """The best maps for a query's text; equal scores are ordered by map id.
 
@@ -273,6 +274,7 @@ class MapIndex:
             exclude: (dataset, travel, metres): leave out its maps whose middle is not more than this away.
             method: with the pose words, or the paper's baseline without.
             filter: of Whoosh, or in its query language: ``dataset:NAME AND travel:[10 TO 20]``.
+            texts: whether the hits' documents hold their texts; reading each by its id takes longer.
 
         Raises:
             QueryError: if the filter is not in the query language.
@@ -291,7 +293,7 @@ class MapIndex:
         query = self.parse(filter) if isinstance(filter, str) else filter
         with self._reading() as state:
             places, scores = state.best(text, model, top, self._allowed(state, exclude, query))
-            documents = [place.document() for place in places]
+            documents = [place.document(text=texts) for place in places]
         ids = [document.map_id for document in documents]
         ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
         cell = self.parameters.mapping.cell

@@ -16,7 +16,7 @@ class Hit:
     """A map that a search found.
 
     Attributes:
-        document: without its text, which ``MapIndex.document`` reads.
+        document: without its text, which ``MapIndex.document`` reads, unless the search was asked for texts.
         score: of the profile's matching.
         matched: the smaller of both maps' numbers of matched keypoints.
         alignment: (3,) pose of the query's frame in the map's frame that gave the score, metres and radians.

@@ -15,7 +15,7 @@ from m2t_text.loops.uncertainty import Uncertain
 from m2t_text.recognition.covariance import fit_covariance
 from m2t_text.recognition.finding import find
 from m2t_text.recognition.queries import Query as Sought
-from m2t_text.recognition.verification import Shape
+from m2t_text.recognition.raster import Shape
 from m2t_text.util.types import Floats
 from m2t_text.util.workers import mapped
 

@@ -182,7 +182,7 @@ def _refine(
             g2 += w * j2 * error
         in_place, in_angle = 1.0 / sigma[0] ** 2, 1.0 / sigma[1] ** 2
         g0, g1, g2 = g0 + in_place * pose[0], g1 + in_place * pose[1], g2 + in_angle * pose[2]
-        x, y, angle = _solved(h00 + in_place, h01, h02, h11 + in_place, h12, h22 + in_angle, g0, g1, g2)
+        x, y, angle = solved(h00 + in_place, h01, h02, h11 + in_place, h12, h22 + in_angle, g0, g1, g2)
         pose[0] -= x
         pose[1] -= y
         pose[2] -= angle
@@ -192,7 +192,7 @@ def _refine(
 
 
 @inner
-def _solved(
+def solved(
     h00: float, h01: float, h02: float, h11: float, h12: float, h22: float, g0: float, g1: float, g2: float
 ) -> tuple[float, float, float]:
     """The solution of h x = g for a positive definite, symmetric h (3, 3), by Cholesky's factors."""

@@ -44,7 +44,7 @@ from m2t_text.plotting.canvas import (
     metres,
     word_colours,
 )
-from m2t_text.recognition.finding import Found
+from m2t_text.recognition.found import Found
 from m2t_text.util.files import written_whole
 from m2t_text.util.geometry import inverse, transform
 from m2t_text.util.types import Floats
@@ -81,11 +81,16 @@ def check_picture(path: Path) -> None:
 
 
 def plot_match(
-    query: Text, title: str, found: Sequence[tuple[Found, Text]], parameters: Parameters, path: Path
+    query: Text,
+    title: str,
+    found: Sequence[tuple[Found, Text]],
+    parameters: Parameters,
+    path: Path,
+    reason: str = "",
 ) -> None:
     """A query, and each of its best hits (with its text) with the query laid over it.
 
-    The ``parameters`` are those with which the texts were made.
+    The ``parameters`` are those with which the texts were made; the ``reason`` for the verdict is a line above.
     """
     cell, window = parameters.mapping.cell, parameters.matching.tolerance
     shown = found[:PANELS]
@@ -119,6 +124,8 @@ def plot_match(
         mark(HIT, "map of the index"),
         mark(MATCHED, "same word within the window", "-") if window > 1 else mark(MATCHED, "both"),
     ]
+    if reason:
+        figure.suptitle(reason, fontsize=10, color=INK)
     if any(len(text.free) for text in (query, *(text for _, text in shown))):
         marks.append(mark(FREE_EDGE, "seen to be free", "", "s"))
     figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False, fontsize=9)
@@ -130,6 +137,8 @@ def _fit(result: Found) -> str:
     fit = f"score {result.hit.score:.4g}, {result.hit.matched} matched"
     if result.inlier_ratio is not None:
         fit = f"score {result.hit.score:.4g}, {result.inlier_ratio:.0%} inliers"
+    if result.conflict_ratio is not None:
+        fit += f", {result.conflict_ratio:.0%} conflicts"
     return f"{fit}, query turned by {degrees}°" if degrees else fit
 
 

@@ -1,13 +1,14 @@
 """What the commands answer, as objects that are printed, saved as JSON and compared."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
 from m2t_text.errors import QueryError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.recognition.covariance import dataset_covariance
-from m2t_text.recognition.finding import Finding, Found, find
+from m2t_text.recognition.finding import Finding, find
+from m2t_text.recognition.found import Found
 from m2t_text.recognition.queries import Context, Query, resolve
 from m2t_text.sources.opening import SourceOptions
 
@@ -61,6 +62,8 @@ class Answer:
                 "verify": self.finding.verify_seconds,
             },
             "verdict": self.finding.verdict,
+            "probability": self.finding.assessment.probability,
+            "reason": asdict(self.finding.assessment.reason),
             "results": [
                 _result(rank, result, driven is not None) | {"covariance": self._covariance(result)}
                 for rank, result in enumerate(self.finding.results, start=1)
@@ -93,6 +96,7 @@ def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:
         "frame_pose": pose,  # the same, and that of the frame of a query without scans
         "dataset_pose": None if result.dataset_pose is None else result.dataset_pose.tolist(),
         "inlier_ratio": result.inlier_ratio,
+        "conflict_ratio": result.conflict_ratio,
     }
 
 

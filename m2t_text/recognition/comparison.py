@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from m2t_text.description.text import Text
-from m2t_text.recognition.verification import INLIER, Alignment, align
+from m2t_text.recognition.raster import INLIER
+from m2t_text.recognition.verification import Alignment, align
 from m2t_text.util.geometry import inverse, transform
 from m2t_text.util.types import Floats
 
@@ -33,13 +34,12 @@ class Comparison:
     def to_json(self) -> dict[str, Any]:
         """The document of `/api/compare`; keypoints as a string of digits, one each."""
         keypoints = np.concatenate([self.query, self.found])
-        ratio = getattr(self.alignment, "conflict_ratio", None)
         return {
             "laid": self.alignment.pose.tolist(),
             "inlier_ratio": self.alignment.inlier_ratio,
             "agreement": self.alignment.agreement,
-            "grip": self.alignment.grip,
-            "conflict_ratio": ratio,
+            "grip": self.alignment.fit.grip,
+            "conflict_ratio": self.alignment.conflict_ratio,
             "shared": int((self.query == SHARED).sum()),
             "keypoints": len(keypoints),
             "query_keypoints": "".join(map(str, self.query.tolist())),

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from m2t_text.description.document import Document
-from m2t_text.recognition.verification import INLIER, Alignment, Shape
+from m2t_text.recognition.raster import INLIER, Shape
+from m2t_text.recognition.verification import Alignment
 from m2t_text.util.geometry import compose, inverse, transform
 from m2t_text.util.types import Floats
 

@@ -1,75 +1,40 @@
 """Finding a place: search by text, verify the best by their geometry, and say how sure the answer is."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import log
+from functools import partial
 from time import perf_counter
-from typing import Literal
 
-import numpy as np
 from whoosh.query import Query as WhooshQuery
 
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.results import Hit
+from m2t_text.recognition.found import Found, differs, strongest
 from m2t_text.recognition.queries import Query
-from m2t_text.recognition.symmetry import rivals
-from m2t_text.recognition.verification import Alignment, Shape, align, relative_pose
-from m2t_text.util.geometry import compose
-from m2t_text.util.types import Floats
-
-Verdict = Literal["match", "ambiguous", "none"]
+from m2t_text.recognition.raster import Raster
+from m2t_text.recognition.symmetry import other_poses
+from m2t_text.recognition.verdict import NOTHING, UNVERIFIED, Assessment, Verdict, assess
+from m2t_text.recognition.verification import Alignment, align_variously, relative_pose
 
 VERIFIED = 30  # best hits that are aligned
-AGREEMENT = 0.5  # weight of the agreement beside the inlier ratio, in the order of verified hits
-DRIFT = (
-    2.0,
-    0.04,
-)  # m, and m per metre of travel: two poses of one trajectory nearer than this may be one place
-FITS = 0.6  # inlier ratio from which a map shows the query's place, if no other does
-MARGIN = 0.1  # inlier ratio by which it must exceed that of any other place, and of other poses at this one
 LIKELY = 0.8  # of the best score, from which a map that was not verified may fit as well
-WIDER, RIVALS = 4, 3  # times as many hits are looked through for such maps elsewhere; so many are verified
-GRIP = 0.03  # below, the query may slide along a featureless wall
-WEAK = 0.4  # inlier ratio below which nothing fits
-
-
-@dataclass(frozen=True)
-class Found:
-    """A hit, and once it is verified how the query lies on it.
-
-    Attributes:
-        hit: as the index found it.
-        pose: (3,) the query's first-scan robot frame in the hit's first-scan robot frame, or in each case the
-            frame of a map that was not driven; None where it was not verified, or where the query is a text.
-        inlier_ratio: of the alignment, None where it was not verified.
-        alignment: of the two texts, None where it was not verified.
-    """
-
-    hit: Hit
-    pose: Floats | None = None
-    inlier_ratio: float | None = None
-    alignment: Alignment | None = None
-
-    @property
-    def laid(self) -> Floats:
-        """(3,) pose of the query's frame in the hit's: verified, or else as the score found it."""
-        return self.alignment.pose if self.alignment else self.hit.alignment
-
-    @property
-    def dataset_pose(self) -> Floats | None:
-        """(3,) the query's first-scan robot frame in the frame of the hit's dataset, that of its trajectory or
-        map; None where ``pose`` is."""
-        return None if self.pose is None else compose(self.hit.document.pose, self.pose)
+WIDER, WIDEST = 4, 16  # times as many hits are looked through for such maps elsewhere
+RIVALS = 3  # of them that are verified
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The answer: results, the best first, the verdict on the first, and the seconds that it took."""
+    """The answer: results, the best first, how sure the first is, and the seconds that it took."""
 
     results: list[Found]
-    verdict: Verdict
+    assessment: Assessment
     search_seconds: float
     verify_seconds: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the first result is the place."""
+        return self.assessment.verdict
 
 
 def find(
@@ -103,26 +68,22 @@ def find(
     """
     begin = perf_counter()
     index = index.pinned()  # also where it is written meanwhile, the hits' texts are those that were scored
-    hits = index.search(query.text, max(top, VERIFIED) if top and verify else top, exclude, filter=filter)
+    search = partial(index.search, query.text, exclude=exclude, filter=filter)
+    hits = search(max(top, VERIFIED), texts=top <= VERIFIED) if top and verify else search(top)
     searched = perf_counter() - begin
+    if not hits or hits[0].score == 0:
+        return Finding([Found(hit) for hit in hits], NOTHING, searched, 0.0)
     if not verify:
-        unsure: Verdict = "ambiguous" if hits and hits[0].score > 0 else "none"
-        return Finding([Found(hit) for hit in hits], unsure, searched, 0.0)
+        return Finding([Found(hit) for hit in hits], UNVERIFIED, searched, 0.0)
     begin = perf_counter()
     verified = verify_hits(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0])
     results = verified + [Found(hit) for hit in hits[len(verified) :]]
-    answer = verdict(verified)
-    if answer == "match" and (
-        fits_otherwise(index, query, verified[0]) or fits_elsewhere(index, query, verified, hits, exclude)
-    ):
-        answer = "ambiguous"
-    return Finding(results[: top or None], answer, searched, perf_counter() - begin)
+    assessment = judge(index, query, verified, search)
+    return Finding(results[: top or None], assessment, searched, perf_counter() - begin)
 
 
 def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
-    """The hits aligned with the query, best first: by inlier ratio and agreement, ties by score, size, map id.
-
-    Both count more where both maps are large, as they say more: a short piece of wall fits anywhere.
+    """The hits aligned with the query, that of the best fit first, ties by score and map id.
 
     Examples:
         >>> import m2t_text as m2t
@@ -132,80 +93,63 @@ def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Foun
         >>> best.inlier_ratio, best.pose.round(2).tolist()
         (1.0, [0.0, 0.0, 0.0])
     """
-    texts = [index.document(hit.map_id).text for hit in hits]
-    alignments = align(query.text, texts, index.parameters.mapping.cell)
-    weights = [log(1 + min(len(query.text), len(text))) for text in texts]
-    fits = [
-        weight * (alignment.inlier_ratio + AGREEMENT * alignment.agreement)
-        for weight, alignment in zip(weights, alignments, strict=True)
-    ]
-    unlike = [abs(len(query.text) - len(text)) for text in texts]
-    order = sorted(range(len(hits)), key=lambda k: (-fits[k], -hits[k].score, unlike[k], hits[k].map_id))
+    texts = [hit.document.text if len(hit.document.text) else index.document(hit.map_id).text for hit in hits]
+    alignments = align_variously(query.text, texts, index.parameters.mapping.cell)
+    order = sorted(
+        range(len(hits)), key=lambda k: (-alignments[k][0].fit.evidence, -hits[k].score, hits[k].map_id)
+    )
     return [_found(query, hits[k], alignments[k]) for k in order]
 
 
-def _found(query: Query, hit: Hit, alignment: Alignment) -> Found:
-    document = query.document
-    pose = None if document is None else relative_pose(document, hit.document, alignment.pose)
-    return Found(hit, pose, alignment.inlier_ratio, alignment)
+def _found(query: Query, hit: Hit, alignments: Sequence[Alignment]) -> Found:
+    document, best = query.document, alignments[0]
+    pose = None if document is None else relative_pose(document, hit.document, best.pose)
+    return Found(hit, pose, best, tuple(alignments[1:]))
 
 
-def verdict(verified: Sequence[Found]) -> Verdict:
-    """Whether the first of the verified hits is the place: it fits, holds the pose, and no other place fits.
+def judge(
+    index: MapIndex, query: Query, verified: Sequence[Found], search: Callable[[int], list[Hit]]
+) -> Assessment:
+    """How sure the first of the verified hits is, ``search(top)`` giving the hits that they were taken from.
 
-    The thresholds make `match` right 99 times in 100 on eight simulated buildings; real logs confirmed them.
+    What takes longer is done only where the answer would else be a `match`: other poses on the best map, and
+    maps elsewhere where all verified ones show one place.
     """
-    if not verified or (verified[0].inlier_ratio or 0.0) < WEAK:
-        return "none"
     best = verified[0]
-    assert best.alignment is not None and best.inlier_ratio is not None
-    rival = max((one.inlier_ratio or 0.0 for one in verified[1:] if _elsewhere(best, one)), default=0.0)
-    sure = best.inlier_ratio >= FITS and best.inlier_ratio - rival >= MARGIN and best.alignment.grip >= GRIP
-    return "match" if sure else "ambiguous"
+    assert best.alignment is not None
+    rival = strongest(best, verified)
+    for more in (partial(_symmetric, index, query, best), partial(_elsewhere, index, query, verified, search)):
+        assessment = assess(best.alignment.fit, rival)
+        if assessment.verdict != "match":
+            return assessment
+        rival = strongest(best, more(), rival)
+    return assess(best.alignment.fit, rival)
 
 
-def fits_otherwise(index: MapIndex, query: Query, best: Found) -> bool:
-    """Whether a query lies nearly as well on a verified hit at another pose: the place is symmetric."""
+def _symmetric(index: MapIndex, query: Query, best: Found) -> list[Found]:
+    """The query on the best map at other poses."""
     assert best.alignment is not None
     cell = index.parameters.mapping.cell
-    shapes = Shape.of(query.text, cell), Shape.of(index.document(best.hit.map_id).text, cell)
-    others = rivals(*shapes, best.alignment.pose)
-    return any(best.alignment.inlier_ratio - other.inlier_ratio < MARGIN for other in others)
+    rasters = Raster.of(query.text, cell), Raster.of(index.document(best.hit.map_id).text, cell)
+    return [Found(best.hit, None, other) for other in other_poses(*rasters, best.alignment.pose)]
 
 
-def fits_elsewhere(
-    index: MapIndex,
-    query: Query,
-    verified: Sequence[Found],
-    hits: Sequence[Hit],
-    exclude: tuple[str, float, float] | None = None,
-) -> bool:
-    """Whether a place fits as well as the best, none of whose maps is among the verified: one place may have
-    more maps than are verified. The ``hits`` are those of the search, from which it goes on."""
+def _elsewhere(
+    index: MapIndex, query: Query, verified: Sequence[Found], search: Callable[[int], list[Hit]]
+) -> list[Found]:
+    """The likeliest maps elsewhere that were not verified: one place may have more maps than those that were.
+
+    None where a verified one is elsewhere, as it is more likely.
+    """
     best, known = verified[0], {one.hit.map_id for one in verified}
-    floor = LIKELY * hits[0].score
-
-    def likely_elsewhere() -> list[Hit]:
+    if any(differs(best, one) for one in verified):
+        return []
+    floor, count = LIKELY * verified[0].hit.score, VERIFIED
+    while count < WIDEST * VERIFIED:
+        count *= WIDER
+        hits = search(count)
         unknown = [hit for hit in hits if hit.score >= floor and hit.map_id not in known]
-        return [hit for hit in unknown if _elsewhere(best, Found(hit))]
-
-    others, before = likely_elsewhere(), 0
-    while not others and hits[-1].score >= floor and len(hits) > before:
-        before = len(hits)
-        hits = index.search(query.text, WIDER * before, exclude)
-        others = likely_elsewhere()
-    return verdict([best, *verify_hits(index, query, others[:RIVALS])]) != "match"
-
-
-def _elsewhere(a: Found, b: Found) -> bool:
-    """Whether two hits place the query's viewpoint so far apart that drift cannot account for it."""
-    if a.hit.document.dataset != b.hit.document.dataset:
-        return True
-    away = np.hypot(*(_place(a) - _place(b)))
-    return bool(away > DRIFT[0] + DRIFT[1] * abs(a.hit.document.middle - b.hit.document.middle))
-
-
-def _place(one: Found) -> Floats:
-    """(2,) the query's viewpoint in the frame of the hit's dataset, according to the hit."""
-    document = one.hit.document
-    return compose(document.pose, compose(document.viewpoint, one.laid))[:2]
+        others = [hit for hit in unknown if differs(best, Found(hit))]
+        if others or hits[-1].score < floor or len(hits) < count:
+            return verify_hits(index, query, others[:RIVALS])
+    return []

@@ -11,19 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.mapping.registration import CELL, HALF
-from m2t_text.recognition.verification import Alignment, Shape, refined
+from m2t_text.recognition.raster import EXTENT, Raster
+from m2t_text.recognition.verification import Alignment, aligned_from
 from m2t_text.util.geometry import compose, transform, wrap
 from m2t_text.util.types import Floats
 
 TURNS = 24  # directions tried; those of triangles, squares, hexagons and octagons are among them
 GRID = 0.3  # m; points less than one or two cells apart meet
-REACH = CELL * HALF  # m from the viewpoint; no more is aligned
 REFINED = 3  # poses that are aligned, those where most points meet
 APART = (1.0, np.radians(10.0))  # m and rad; nearer than both, a pose is the same one
 
 
-def rivals(query: Shape, found: Shape, pose: Floats) -> list[Alignment]:
+def other_poses(query: Raster, found: Raster, pose: Floats) -> list[Alignment]:
     """The query on the found map elsewhere than at the ``pose`` (3,), those first where most points meet.
 
     What has fewer than one point in reach has no rivals. The agreement of an alignment is the share of the
@@ -45,12 +44,12 @@ def rivals(query: Shape, found: Shape, pose: Floats) -> list[Alignment]:
     for k in np.argsort(-most, kind="stable")[:REFINED]:
         shift = offsets[list(np.unravel_index(best[k], met.shape[1:]))]
         start = compose(np.append(shift, 0.0), compose(turns[k], pose))
-        aligned.append(refined(query, found, start, float(most[k]) / len(placed)))
+        aligned.append(aligned_from(query, found, start, float(most[k]) / len(placed)))
     return [one for one in aligned if _apart(one.pose, pose)]
 
 
 def _in_reach(points: Floats) -> Floats:
-    return points[(np.abs(points) < REACH).all(axis=1)]
+    return points[(np.abs(points) < EXTENT).all(axis=1)]
 
 
 def _apart(a: Floats, b: Floats) -> bool:

@@ -7,7 +7,7 @@ from m2t_text.config import MappingParameters
 from m2t_text.loops.lookup import EVERY, alignment_covariance
 from m2t_text.mapping.normals import cloud_normals
 from m2t_text.recognition.covariance import REMAINDER
-from m2t_text.recognition.verification import NORMAL_REACH, Shape
+from m2t_text.recognition.raster import NORMAL_REACH, Shape
 from m2t_text.util.geometry import compose, inverse, transform
 
 MAPPING = MappingParameters()

@@ -17,7 +17,7 @@ from m2t_text.errors import M2TError
 from m2t_text.index.results import Hit
 from m2t_text.plotting import canvas, pictures
 from m2t_text.plotting.canvas import correspondences
-from m2t_text.recognition.finding import Found
+from m2t_text.recognition.found import Found
 
 PARAMETERS = PROFILES["paper"]
 PNG, EMPTY = b"\x89PNG", Text.of([], [], [])

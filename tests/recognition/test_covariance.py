@@ -7,7 +7,8 @@ import numpy as np
 from m2t_text.description.text import Text
 from m2t_text.index.map_index import MapIndex
 from m2t_text.recognition.covariance import carried, dataset_covariance, fit_covariance
-from m2t_text.recognition.verification import Shape, align
+from m2t_text.recognition.raster import Shape
+from m2t_text.recognition.verification import align
 from m2t_text.util.geometry import compose, wrap
 
 

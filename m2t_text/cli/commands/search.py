@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from m2t_text.recognition.answer import Answer
+    from m2t_text.recognition.finding import Finding
     from m2t_text.sources.opening import SourceOptions
 
 
@@ -96,23 +97,37 @@ def _print_answer(answer: "Answer") -> None:
     for rank, result in enumerate(answer.finding.results, start=1):
         document, hit = result.hit.document, result.hit
         begin, end = document.travel
-        fit = "" if result.inlier_ratio is None else f"{result.inlier_ratio:.0%}"
+        fit = [
+            "" if share is None else f"{share:.0%}" for share in (result.inlier_ratio, result.conflict_ratio)
+        ]
         pose = "" if result.pose is None else "{:.2f} {:.2f} {:.0f}°".format(*_degrees(result.pose))
-        rows.append([str(rank), hit.map_id, f"{hit.score:.4g}", fit, pose, f"{begin:.2f}–{end:.2f}"])
-    title = f"{answer.query.title}: {len(answer.query.text)} keypoints"
-    columns = {"#": "right", "map": "left", "score": "right", "inliers": "right", "pose (m, m)": "right"}
-    print_table(title, columns | {"travel (m)": "right"}, rows)
+        rows.append([str(rank), hit.map_id, f"{hit.score:.4g}", *fit, pose, f"{begin:.2f}–{end:.2f}"])
     finding, index = answer.finding, answer.index
+    _print_verdict(finding)
+    title = f"{answer.query.title}: {len(answer.query.text)} keypoints"
+    numbers = ("score", "inliers", "conflicts", "pose (m, m)", "travel (m)")
+    print_table(title, {"#": "right", "map": "left"} | dict.fromkeys(numbers, "right"), rows)
     seconds = (
         f"described in {answer.describe_seconds:.2f} s, searched in {finding.search_seconds:.2f} s, "
         f"verified in {finding.verify_seconds:.2f} s"
     )
-    print_lines(f"verdict: {finding.verdict}")
+    print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
+
+
+def _print_verdict(finding: "Finding") -> None:
+    """The answer in three lines: the verdict, where the query is if that is known, and why it is said."""
+    sure = finding.assessment.probability
+    print_lines(f"verdict: {finding.verdict}" + ("" if sure is None else f" ({_percent(sure)} sure)"))
     place = finding.results[0].dataset_pose if finding.results else None
-    if place is not None:
+    if place is not None and finding.verdict != "none":
         best = finding.results[0].hit.document.dataset
         print_lines("pose in the frame of {}: {:.2f} {:.2f} {:.0f}°".format(best, *_degrees(place)))
-    print_lines(f"{len(index):,} maps of {index.path}, profile {index.parameters.profile}; {seconds}")
+    print_lines(f"because: {finding.assessment.reason.text}", "")
+
+
+def _percent(share: float) -> str:
+    """Never 100 or 0, which nothing is."""
+    return f"{100 * min(max(share, 0.001), 0.999):.1f} %"
 
 
 def _degrees(pose: "NDArray[np.float64]") -> tuple[float, float, float]:
@@ -123,5 +138,6 @@ def _draw(answer: "Answer", path: Path) -> None:
     from m2t_text.plotting.pictures import PANELS, plot_match
 
     found = [(r, answer.index.document(r.hit.map_id).text) for r in answer.finding.results[:PANELS]]
-    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters, path)
+    reason = f"{answer.finding.verdict}: {answer.finding.assessment.reason.text}"
+    plot_match(answer.query.text, answer.query.title, found, answer.index.parameters, path, reason)
     note(f"drew {path}")

@@ -1,0 +1,71 @@
+"""How far two maps agree about what both have seen, once one is laid on the other."""
+
+from dataclasses import dataclass
+from math import log
+
+from m2t_text.recognition.raster import Raster, overlaid
+from m2t_text.util.geometry import inverse
+from m2t_text.util.types import Floats
+
+# Evidence for a pose, on a logarithmic scale: a handful of figures, the same for all maps (`make calibrate`).
+SEEN, INLIERS, CONFLICTS = 2.9, 18.0, -40.0  # for the logarithm of what both saw, and for two shares of it
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Counts of the keypoints of two maps, each judged by what the other one shows.
+
+    Attributes:
+        keypoints: all of them.
+        seen: those that lie where the other map's laser looked. What it never saw says nothing.
+        inliers: those that have a keypoint of the other map within INLIER.
+        conflicts: those that lie where the other map was seen to be free.
+        free_known: whether both texts tell what is free.
+        grip: 0...0.5, the share of the inliers' walls that hold the pose in its loosest direction: 0 between
+            two parallel walls, along which the query may slide.
+    """
+
+    keypoints: int
+    seen: int
+    inliers: int
+    conflicts: int
+    free_known: bool
+    grip: float
+
+    @classmethod
+    def of(cls, query: Raster, pose: Floats, found: Raster) -> "Fit":
+        """Of a query in whose frame's place the ``pose`` (3,) is, as seen from the found map's frame."""
+        here, there = overlaid(query, pose, found), overlaid(found, inverse(pose), query)
+        return cls(
+            keypoints=len(query.points) + len(found.points),
+            seen=here.seen + there.seen,
+            inliers=here.inliers + there.inliers,
+            conflicts=here.conflicts + there.conflicts,
+            free_known=query.complete and found.complete,
+            grip=here.grip,
+        )
+
+    @property
+    def inlier_ratio(self) -> float:
+        """Share of all keypoints that are inliers."""
+        return self.inliers / max(self.keypoints, 1)
+
+    @property
+    def conflict_ratio(self) -> float | None:
+        """Share of all keypoints that are in conflict; None where a text does not tell what is free."""
+        return self.conflicts / max(self.keypoints, 1) if self.free_known else None
+
+    @property
+    def seen_inliers(self) -> float:
+        """Share of the seen keypoints that are inliers."""
+        return self.inliers / max(self.seen, 1)
+
+    @property
+    def seen_conflicts(self) -> float:
+        """Share of the seen keypoints that are in conflict."""
+        return self.conflicts / max(self.seen, 1)
+
+    @property
+    def evidence(self) -> float:
+        """How much speaks for this pose: differences of it compare poses of one query."""
+        return SEEN * log(1 + self.seen) + INLIERS * self.seen_inliers + CONFLICTS * self.seen_conflicts

@@ -216,10 +216,8 @@ class MapIndex:
             for number in numbers:
                 yield state.numbered(number)
 
-    def matching(self, query: Query | str, near: bool = False) -> NDArray[np.bool_]:
+    def matching(self, query: Query | str) -> NDArray[np.bool_]:
         """(M,) which maps match a query of Whoosh, or in its query language, in the order of `overview`.
-
-        With ``near`` a token of the string finds the maps that have it or a neighbour within the window.
 
         Raises:
             QueryError: if it is not in the query language.
@@ -230,7 +228,7 @@ class MapIndex:
             >>> int(index.matching("first_scan:[40 TO 49]").sum())
             10
         """
-        parsed = self.parse(query, near) if isinstance(query, str) else query
+        parsed = self.parse(query) if isinstance(query, str) else query
         with self._reading() as state:
             found = np.concatenate([np.zeros(0, dtype=np.bool_), *state.matching(parsed)])
             matches: NDArray[np.bool_] = found[state.overview.numbers]
@@ -338,10 +336,10 @@ class MapIndex:
         """A Whoosh searcher of the latest state, for queries of any kind; to be closed by the caller."""
         return self.whoosh.searcher(weighting=self.model(method))
 
-    def parse(self, string: str, near: bool = False) -> Query:
+    def parse(self, string: str) -> Query:
         """The Whoosh query of a string; see `parse_query`. Raises QueryError, saying what is wrong with it."""
         with self._reading() as state:  # Whoosh's index would read its table of contents for it
-            return parse_query(string, state.searcher.schema, near)
+            return parse_query(string, state.searcher.schema)
 
     @contextmanager
     def _reading(self) -> Iterator[State]:

@@ -1,7 +1,6 @@
 """What can be typed to choose maps: Whoosh's query language, and ``TOKEN~`` for a token and its neighbours."""
 
 import re
-from functools import partial
 from typing import Any
 
 from whoosh.fields import Schema
@@ -18,12 +17,11 @@ DEEPEST = 12  # operators within operators: each ANDNOT, ANDMAYBE or REQUIRE dou
 NEAR = re.compile(r"(.*)~(\d{0,9})", re.ASCII)
 
 
-def parse_query(string: str, schema: Schema, near: bool = False) -> Query:
+def parse_query(string: str, schema: Schema) -> Query:
     """The Whoosh query of a string; what names no field is looked up in the maps' texts.
 
     A token finds the maps that have it; ``x12_y-3_a5~`` those that have it within the window of the index, and
-    ``x12_y-3_a5~3`` within 3 cells, in the maps' own frames. With ``near`` every token stands for itself and
-    its neighbours, as if it ended in ``~``.
+    ``x12_y-3_a5~3`` within 3 cells, in the maps' own frames.
 
     Raises:
         QueryError: saying what is wrong with it.
@@ -33,7 +31,7 @@ def parse_query(string: str, schema: Schema, near: bool = False) -> Query:
     try:
         string.encode()  # Whoosh looks names up as UTF-8
         deep = _depth(parser.process(string)) > DEEPEST
-        query = NullQuery if deep else parser.parse(string).accept(partial(_with_neighbours, near=near))
+        query = NullQuery if deep else parser.parse(string).accept(_with_neighbours)
     except (QueryParserError, TextError, UnicodeEncodeError) as error:
         raise QueryError(f"{shown!r} is not a query: {error}") from error
     except (AssertionError, IndexError) as error:  # in Whoosh, of operators as NOT NOT or ANDNOT ANDNOT
@@ -48,7 +46,7 @@ def parse_query(string: str, schema: Schema, near: bool = False) -> Query:
     return query
 
 
-def _with_neighbours(query: Query, near: bool) -> Query:
+def _with_neighbours(query: Query) -> Query:
     """The query itself, or for ``TOKEN~`` one that finds the token's neighbours, too.
 
     Raises:
@@ -58,7 +56,7 @@ def _with_neighbours(query: Query, near: bool) -> Query:
         raise TextError("tokens have no order; leave out the quotes, and join them with AND")
     if not isinstance(query, Term) or query.fieldname != "text":
         return query
-    match = NEAR.fullmatch(f"{query.text}~" if near and "~" not in query.text else query.text)
+    match = NEAR.fullmatch(query.text)
     text = parse(query.text if match is None else match[1])
     if match is None:
         return query

@@ -70,7 +70,7 @@ def listed(
     part = committed.slice_of(dataset) if dataset else slice(0, len(overview))
     numbers = range(len(overview))[part]
     if where:
-        matches = committed.index.matching(where, near=True)
+        matches = committed.index.matching(where)
         numbers = [number for number in numbers if matches[number]]  # type: ignore[assignment]
     maps = []
     for number in numbers[offset : offset + limit]:

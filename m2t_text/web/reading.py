@@ -71,7 +71,7 @@ class Reading:
         """The numbers, in the order of `places`, of the maps that a query of Whoosh's language finds."""
         where = request.query_params.get("where") or ""
         committed = await self._site.committed(request)
-        found = await self._site.search(lambda: committed.index.matching(where, near=True))
+        found = await self._site.search(lambda: committed.index.matching(where))
         return JSONResponse({"total": int(found.sum()), "places": found.nonzero()[0].tolist()})
 
     async def maps(self, request: Request) -> Response:

@@ -154,7 +154,7 @@ def test_a_typed_token_shows_all_places_that_have_it(
     page.fill("#query", token)
     page.keyboard.press("Enter")
     wait(page, "m2t.building.matching")
-    found = client.get("/api/matching", where=token)
+    found = client.get("/api/matching", where=f"{token}~")
     assert page.evaluate("m2t.building.matching") == found["places"]
     assert of_colour(page, "#building", "find") > 20
     page.fill("#query", f"{token} AND first_scan:[38 TO 42]")

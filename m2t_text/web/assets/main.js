@@ -9,7 +9,7 @@ import { inverse, compose } from "./geometry.js";
 import { Hits } from "./hits.js";
 import { QueryPanel } from "./query.js";
 import { Replay } from "./replay.js";
-import { isToken } from "./text.js";
+import { isToken, nearby } from "./text.js";
 import { start as startTheme } from "./theme.js";
 import { Uploads } from "./uploads.js";
 
@@ -219,7 +219,7 @@ class Page {
     if (!now.where || !this.info.maps) { this.building.filter(from, to, null); return; }
     if (!now.q) this.query.clear(`Looking for ${now.where}…`);
     try {
-      const told = await json("/api/matching", { where: now.where, index: this.index });
+      const told = await json("/api/matching", { where: nearby(now.where), index: this.index });
       this.building.filter(from, to, told.places);
       const note = `${thousands(told.total)} of ${thousands(this.info.maps)} maps have ${now.where}`;
       say(note);
@@ -232,14 +232,14 @@ class Page {
 
   // Some of the maps that a filter finds, to look at.
   async listMatching(now, note) {
-    const { maps } = await json("/api/maps", { where: now.where, limit: 200, index: this.index });
+    const { maps } = await json("/api/maps", { where: nearby(now.where), limit: 200, index: this.index });
     const some = maps.filter((map, k) => k % Math.max(1, Math.floor(maps.length / 6)) === 0).slice(0, 6);
     this.query.clear(`${note}.`, some.map((map) => [map.map_id, `after ${map.travel[0].toFixed(1)} m`, () => show({ q: map.map_id })]));
   }
 
   where(now) {
     const range = now.from || now.to ? `travel:[${now.from || 0} TO ${now.to || ""}]` : "";
-    return [now.where && `(${now.where})`, range].filter(Boolean).join(" AND ") || null;
+    return [now.where && (range ? `(${nearby(now.where)})` : nearby(now.where)), range].filter(Boolean).join(" AND ") || null;
   }
 
   async search(now) {

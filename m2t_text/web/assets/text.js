@@ -15,7 +15,10 @@ export function parse(text) {
   return { tokens, keypoints, squares };
 }
 
-export const isToken = (word) => TOKEN.test(word);
+export const isToken = (word) => TOKEN.test(word.replace(/~\d*$/, ""));
+
+// A query in which tokens stand for their neighbours within the window, too, unless it says how far (TOKEN~0).
+export const nearby = (where) => where && where.replace(/\b(x-?\d+_y-?\d+_a\d+)(?![\d~])/g, "$1~");
 
 // What a keypoint says, in words; `cell` and `radii` are the index's.
 export function spoken(keypoint, cell, radii) {
@@ -30,7 +33,8 @@ export function spoken(keypoint, cell, radii) {
 
 // Keypoints that a typed token finds: the same word, and a position within the window.
 export function foundBy(keypoints, typed, window) {
-  const sought = parse(typed.replace(/[()"]/g, " ")).keypoints;
+  const sought = [...typed.matchAll(/(x-?\d+_y-?\d+_a\d+)(?:~(\d+))?/g)].map(([, token, reach]) =>
+    ({ ...parse(token).keypoints[0], reach: reach === undefined ? window : +reach }));
   return new Set(keypoints.filter((k) => sought.some((s) =>
-    s.value === k.value && Math.abs(s.x - k.x) <= window && Math.abs(s.y - k.y) <= window)));
+    s.value === k.value && Math.abs(s.x - k.x) <= s.reach && Math.abs(s.y - k.y) <= s.reach)));
 }

@@ -14,7 +14,7 @@ import numpy as np
 from m2t_text.config import PROFILES, MatchingParameters
 from m2t_text.description.text import Text
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.search.collection import Collection, Segment
+from m2t_text.index.search.collection import Collection, SegmentTexts
 from m2t_text.index.search.scorers import BagScorer
 from m2t_text.index.search.weighting import MapWeighting
 from m2t_text.logs.log import Log, Scan
@@ -89,7 +89,7 @@ def _scorer(score: Literal["agreement", "intersection"]) -> Any:
 
 @cache
 def _whole() -> Collection:
-    return Collection({"": Segment(_texts(), np.ones(2, dtype=np.bool_))}, 2)
+    return Collection({"": SegmentTexts(_texts(), np.ones(2, dtype=np.bool_))}, 2)
 
 
 def _score(score: Literal["agreement", "intersection"], verb: str, *threshold: float) -> None:

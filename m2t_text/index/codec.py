@@ -153,11 +153,12 @@ class MapDocReader(W3PerDocReader):
     def name(self, field: str, docnum: int) -> str:
         """A map's id, or the name of its dataset."""
         dataset = str(self.stored("dataset")[docnum].decode())
-        return dataset if field == "dataset" else map_id_of(dataset, int(self.first_scans()[docnum]))
+        return dataset if field == "dataset" else map_id_of(dataset, int(self.first_scans[docnum]))
 
-    def first_scans(self) -> Any:
+    @cached_property
+    def first_scans(self) -> NDArray[np.int64]:
         """(D,) of each map, from the column that the maps themselves are read from."""
-        return self.stored("record").array["first_scan"]
+        return np.ascontiguousarray(self.stored("record").array["first_scan"])
 
     def stored_fields(self, docnum: int) -> dict[str, Any]:
         """Of a map; its text is a column alone, as it is long: ``hit["text"]`` reads it."""

@@ -15,9 +15,16 @@ from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
-from m2t_text.index.snapshot import State
-from m2t_text.index.writing.folder import check_new, create_whoosh, holds_index, is_empty, open_whoosh, reading
-from m2t_text.index.writing.map_writer import MapWriter, other_parameters, writing
+from m2t_text.index.snapshot import Snapshot
+from m2t_text.index.writing.folder import (
+    check_new,
+    create_whoosh,
+    damage_errors,
+    holds_index,
+    is_empty,
+    open_whoosh,
+)
+from m2t_text.index.writing.map_writer import MapWriter, open_writer, other_parameters
 from m2t_text.util.types import StageProgress
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
@@ -46,7 +53,7 @@ class MapIndex:
         self.path = path
         self.parameters = parameters
         self._whoosh = whoosh
-        self._state: State | None = None
+        self._snapshot: Snapshot | None = None
         self._pinned = False
 
     def __repr__(self) -> str:
@@ -91,8 +98,8 @@ class MapIndex:
     def pinned(self) -> "MapIndex":
         """The same index at its latest committed state, which it keeps whatever is committed later."""
         pinned = MapIndex(self.path, self.whoosh, self.parameters)
-        with self._reading() as state:
-            pinned._state, pinned._pinned = state, True
+        with self._reading() as snapshot:
+            pinned._snapshot, pinned._pinned = snapshot, True
         return pinned
 
     @contextmanager
@@ -108,7 +115,7 @@ class MapIndex:
             except MapIndexError:
                 if not holds_index(self.path):  # else another process was quicker
                     raise
-        with writing(self.path, self.parameters, LOCK_SECONDS) as writer:
+        with open_writer(self.path, self.parameters, LOCK_SECONDS) as writer:
             yield writer
 
     def add(self, source: "Source", jobs: int = 1, progress: "StageProgress | None" = None) -> None:
@@ -170,51 +177,51 @@ class MapIndex:
                 writer.progress = lambda done: progress(done, maps)
 
     def __len__(self) -> int:
-        with self._reading() as state:
-            return len(state)
+        with self._reading() as snapshot:
+            return len(snapshot)
 
     @property
     def ids(self) -> list[str]:
         """The ids of all maps, sorted."""
-        with self._reading() as state:
-            return state.ids
+        with self._reading() as snapshot:
+            return snapshot.ids
 
     def find_document(self, map_id: str) -> Document | None:
-        """The map of this id with its text; None if there is none. It takes no longer in a larger index."""
-        with self._reading() as state:
-            return state.document(map_id)
+        """The map of this id with its text; None if there is none."""
+        with self._reading() as snapshot:
+            address = snapshot.address(map_id)
+            return None if address is None else address.document(text=True)
 
     def runs(self, dataset: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """(M,) the first scans of a dataset's maps, ascending, and (M,) the travel at which they begin, metres;
         both empty if the index lacks the dataset."""
-        with self._reading() as state:
-            return state.runs(dataset)
+        with self._reading() as snapshot:
+            return snapshot.runs(dataset)
 
     def document(self, map_id: str) -> Document:
         """The map of this id, exactly as it was indexed. An id that the index lacks is a QueryError."""
-        with self._reading() as state:
-            document = state.document(map_id)
+        document = self.find_document(map_id)
         if document is None:
             raise QueryError(f"no map {map_id!r} in {self.path}")
         return document
 
     def documents(self, dataset: str | None = None) -> Iterator[Document]:
         """The maps of a dataset, or all, ordered by id."""
-        with self._reading() as state:
-            for place in state.places():
-                if dataset is None or place.dataset == dataset:
-                    yield place.document(text=True)
+        with self._reading() as snapshot:
+            for address in snapshot.addresses():
+                if dataset is None or address.dataset == dataset:
+                    yield address.document(text=True)
 
     def overview(self) -> Overview:
         """All maps without their texts, as arrays."""
-        with self._reading() as state:
-            return state.overview
+        with self._reading() as snapshot:
+            return snapshot.overview
 
     def numbered(self, numbers: Iterable[int]) -> Iterator[Document]:
         """The maps of these numbers, which an `overview` of the same state gave; pin the index before."""
-        with self._reading() as state:
+        with self._reading() as snapshot:
             for number in numbers:
-                yield state.numbered(number)
+                yield snapshot.numbered(number)
 
     def matching(self, query: Query | str) -> NDArray[np.bool_]:
         """(M,) which maps match a query of Whoosh, or in its query language, in the order of `overview`.
@@ -229,16 +236,16 @@ class MapIndex:
             10
         """
         parsed = self.parse(query) if isinstance(query, str) else query
-        with self._reading() as state:
-            found = np.concatenate([np.zeros(0, dtype=np.bool_), *state.matching(parsed)])
-            matches: NDArray[np.bool_] = found[state.overview.numbers]
+        with self._reading() as snapshot:
+            found = np.concatenate([np.zeros(0, dtype=np.bool_), *snapshot.matching(parsed)])
+            matches: NDArray[np.bool_] = found[snapshot.overview.numbers]
             return matches
 
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""
-        with self._reading() as state:
-            drives = state.searcher.schema["text"].drives
-            maps = state.maps()
+        with self._reading() as snapshot:
+            drives = snapshot.searcher.schema["text"].drives
+            maps = snapshot.maps()
             for name in maps:
                 if name not in drives:
                     raise DamageError(f"dataset {name!r} is not in its table of contents")
@@ -251,9 +258,11 @@ class MapIndex:
 
     def info(self) -> IndexInfo:
         """What the index holds and takes."""
-        with self._reading() as state:
+        with self._reading() as snapshot:
             size = sum(file.stat().st_size for file in self.path.iterdir() if file.is_file())
-            return IndexInfo(self.path, self.parameters, len(state), state.keypoints, size, self.datasets())
+            return IndexInfo(
+                self.path, self.parameters, len(snapshot), snapshot.keypoints, size, self.datasets()
+            )
 
     def search(
         self,
@@ -289,9 +298,9 @@ class MapIndex:
         """
         model = self.model(method)
         query = self.parse(filter) if isinstance(filter, str) else filter
-        with self._reading() as state:
-            places, scores = state.best(text, model, top, self._allowed(state, exclude, query))
-            documents = [place.document(text=texts) for place in places]
+        with self._reading() as snapshot:
+            addresses, scores = snapshot.best(text, model, top, self._allowed(snapshot, exclude, query))
+            documents = [address.document(text=texts) for address in addresses]
         ids = [document.map_id for document in documents]
         ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
         cell = self.parameters.mapping.cell
@@ -306,25 +315,26 @@ class MapIndex:
         ]
 
     def _allowed(
-        self, state: State, exclude: tuple[str, float, float] | None, filter: Query | None
+        self, snapshot: Snapshot, exclude: tuple[str, float, float] | None, filter: Query | None
     ) -> list[NDArray[np.bool_]]:
         """Of each segment (D,) which documents a search may find."""
-        allowed = [leaf.live for leaf in state.leaves]
+        allowed = [segment.live for segment in snapshot.segments]
         if exclude is not None:
             dataset, travel, metres = exclude
             near = [
-                leaf.of_dataset(dataset) & (np.abs(leaf.middles - travel) <= metres) for leaf in state.leaves
+                segment.of_dataset(dataset) & (np.abs(segment.middles - travel) <= metres)
+                for segment in snapshot.segments
             ]
             allowed = [live & ~out for live, out in zip(allowed, near, strict=True)]
         if filter is not None:
-            matching = state.matching(filter)
+            matching = snapshot.matching(filter)
             allowed = [live & match for live, match in zip(allowed, matching, strict=True)]
         return allowed
 
     def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":
         """The scores of all maps at once, in the order of `ids`."""
-        with self._reading() as state:
-            return state.scores(text, self.model(method))
+        with self._reading() as snapshot:
+            return snapshot.scores(text, self.model(method))
 
     def model(self, method: "Method" = "m2t") -> "MapWeighting":
         """The weighting of this index's profile."""
@@ -338,22 +348,20 @@ class MapIndex:
 
     def parse(self, string: str) -> Query:
         """The Whoosh query of a string; see `parse_query`. Raises QueryError, saying what is wrong with it."""
-        with self._reading() as state:  # Whoosh's index would read its table of contents for it
-            return parse_query(string, state.searcher.schema)
+        with self._reading() as snapshot:  # Whoosh's index would read its table of contents for it
+            return parse_query(string, snapshot.searcher.schema)
 
     @contextmanager
-    def _reading(self) -> Iterator[State]:
-        """The latest committed state; damage that shows in the block is told as `reading` does.
+    def _reading(self) -> Iterator[Snapshot]:
+        """The latest committed state; damage that shows in the block is reported as `damage_errors` does.
 
         It is opened anew after each commit: Whoosh's refresh mixes states up.
         """
-        with reading(self.path):
-            state = self._state
-            if state is None or not (self._pinned or state.searcher.up_to_date()):
-                state = State(self.whoosh.searcher())
-                _ = state.keypoints  # opens all texts: an index with a damaged segment answers nothing
-                self._state = state
-            yield state
+        with damage_errors(self.path):
+            snapshot = self._snapshot
+            if snapshot is None or not (self._pinned or snapshot.searcher.up_to_date()):
+                self._snapshot = snapshot = Snapshot.open(self.whoosh.searcher())
+            yield snapshot
 
 
 def open_index(path: str | Path, parameters: Parameters | None = None) -> MapIndex:

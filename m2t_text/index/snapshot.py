@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from whoosh.query import Query
+from whoosh.reading import TermNotFound
 
 from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text
@@ -22,7 +23,7 @@ if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching
 EMPTY = Text.of([], [], [])
 
 
-class Leaf:
+class Segment:
     """One segment of a state; its arrays are over all its documents, deleted ones too."""
 
     def __init__(self, searcher: Any, offset: int) -> None:
@@ -30,6 +31,17 @@ class Leaf:
         self.name = str(self.reader.segment().segment_id())
         self.offset = offset
         self.live = live_documents(self.reader)
+
+    def open(self) -> None:
+        """Opens the texts; raises DamageError if they are damaged."""
+        self.texts  # noqa: B018
+
+    def number_of(self, map_id: str) -> int | None:
+        """The number of the live map of this id, or None."""
+        try:
+            return int(self.reader.first_id("map_id", map_id))
+        except (TermNotFound, UnicodeEncodeError):
+            return None
 
     @cached_property
     def texts(self) -> Any:
@@ -63,34 +75,43 @@ class Leaf:
 
 
 @dataclass(frozen=True)
-class Place:
+class Address:
     """Where a map lies: its segment, and its number there."""
 
-    leaf: Leaf
+    segment: Segment
     number: int
 
     @property
     def dataset(self) -> str:
         """The name of the map's dataset."""
-        return str(self.leaf.datasets.names[self.leaf.datasets.codes[self.number]])
+        return str(self.segment.datasets.names[self.segment.datasets.codes[self.number]])
 
     @property
     def map_id(self) -> str:
         """The map's id."""
-        return map_id_of(self.dataset, int(self.leaf.records["first_scan"][self.number]))
+        return map_id_of(self.dataset, int(self.segment.records["first_scan"][self.number]))
 
     def document(self, text: bool = False) -> Document:
         """The map, with its text or an empty one."""
-        leaf, number = self.leaf, self.number
-        return from_record(self.dataset, leaf.records[number], leaf.texts[number] if text else EMPTY)
+        segment, number = self.segment, self.number
+        return from_record(self.dataset, segment.records[number], segment.texts[number] if text else EMPTY)
 
 
-class State:
+class Snapshot:
     """One committed state of an index. Arrays over its live maps are in the order of map ids."""
 
     def __init__(self, searcher: Any) -> None:
         self.searcher = searcher
-        self.leaves = [Leaf(leaf, offset) for leaf, offset in searcher.leaf_searchers() if leaf.doc_count_all()]
+        leaves = searcher.leaf_searchers()
+        self.segments = [Segment(leaf, offset) for leaf, offset in leaves if leaf.doc_count_all()]
+
+    @classmethod
+    def open(cls, searcher: Any) -> "Snapshot":
+        """The state that a searcher sees, with all texts opened: a damaged segment is a DamageError at once."""
+        snapshot = cls(searcher)
+        for segment in snapshot.segments:
+            segment.open()
+        return snapshot
 
     def __len__(self) -> int:
         return int(self.searcher.doc_count())
@@ -98,8 +119,8 @@ class State:
     @cached_property
     def _sorted(self) -> tuple[list[str], NDArray[np.int64]]:
         """The ids of all live maps, sorted, and (maps,) their numbers among the documents of all segments."""
-        ids = np.array([map_id for leaf in self.leaves for map_id in leaf.ids()], dtype=object)
-        numbers = np.flatnonzero(self._all([leaf.live for leaf in self.leaves], np.bool_))
+        ids = np.array([map_id for segment in self.segments for map_id in segment.ids()], dtype=object)
+        numbers = np.flatnonzero(self._all([segment.live for segment in self.segments], np.bool_))
         numbers = numbers[np.argsort(ids[numbers], kind="stable")]
         return ids[numbers].tolist(), numbers
 
@@ -115,25 +136,26 @@ class State:
     @property
     def keypoints(self) -> int:
         """Of all maps together."""
-        return sum(int(leaf.texts.texts.counts[leaf.live].sum()) for leaf in self.leaves)
+        return sum(int(segment.texts.texts.counts[segment.live].sum()) for segment in self.segments)
 
     def maps(self) -> dict[str, int]:
         """How many maps each dataset has, by name."""
         counts: dict[str, int] = {}
-        for leaf in self.leaves:
+        for segment in self.segments:
             for name, count in zip(
-                leaf.datasets.names, np.bincount(leaf.datasets.codes[leaf.live]), strict=False
+                segment.datasets.names, np.bincount(segment.datasets.codes[segment.live]), strict=False
             ):
                 counts[name] = counts.get(name, 0) + int(count)
         return {name: counts[name] for name in sorted(counts) if counts[name]}
 
     def scores(self, text: Text, model: "MapWeighting") -> "Scores":
         """How well the text fits each map."""
-        return self._rank(text, model, 0, [np.arange(len(leaf.live)) for leaf in self.leaves])[1][self._order]
+        documents = [np.arange(len(segment.live)) for segment in self.segments]
+        return self._rank(text, model, 0, documents)[1][self._order]
 
     def best(
         self, text: Text, model: "MapWeighting", top: int, allowed: Sequence[NDArray[np.bool_]]
-    ) -> "tuple[list[Place], Scores]":
+    ) -> "tuple[list[Address], Scores]":
         """The best maps with a match, and those that tie with the last, of the ``allowed`` (D,) of segments.
 
         With ``top`` 0 all that are allowed, also those without a match.
@@ -141,12 +163,12 @@ class State:
         documents = [np.flatnonzero(part) for part in allowed]
         found, scores = self._rank(text, model, top, documents)
         begins = np.cumsum([0, *(len(part) for part in documents)])
-        segments = np.searchsorted(begins, found, side="right") - 1
-        places = [
-            Place(self.leaves[k], int(documents[k][number - begins[k]]))
-            for k, number in zip(segments.tolist(), found.tolist(), strict=True)
+        owners = np.searchsorted(begins, found, side="right") - 1
+        addresses = [
+            Address(self.segments[k], int(documents[k][number - begins[k]]))
+            for k, number in zip(owners.tolist(), found.tolist(), strict=True)
         ]
-        return places, scores
+        return addresses, scores
 
     def _rank(
         self, text: Text, model: "MapWeighting", top: int, documents: Sequence[NDArray[np.int64]]
@@ -155,7 +177,7 @@ class State:
         from m2t_text.index.search.top_k import TopK
 
         scorer = model.text_scorer(text, collection(self.searcher, "text"))
-        names = [leaf.name for leaf in self.leaves]
+        names = [segment.name for segment in self.segments]
         with TopK(scorer, dict(zip(names, documents, strict=True))) as top_k:
             if top:
                 return top_k.best(top)
@@ -165,12 +187,15 @@ class State:
         """Of each segment (D,) whether a Whoosh query matches."""
         matches = np.zeros(self.searcher.doc_count_all(), dtype=np.bool_)
         matches[list(self.searcher.docs_for_query(query))] = True
-        return [matches[leaf.offset : leaf.offset + len(leaf.live)] for leaf in self.leaves]
+        return [matches[segment.offset : segment.offset + len(segment.live)] for segment in self.segments]
 
-    def document(self, map_id: str) -> Document | None:
-        """The map of this id with its text, or None."""
-        number = self.searcher.document_number(map_id=map_id)
-        return None if number is None else self._place(number).document(text=True)
+    def address(self, map_id: str) -> Address | None:
+        """Where the map of this id lies, or None."""
+        for segment in self.segments:
+            number = segment.number_of(map_id)
+            if number is not None:
+                return Address(segment, number)
+        return None
 
     @cached_property
     def overview(self) -> Overview:
@@ -178,36 +203,36 @@ class State:
         names = list(self.maps())
         known = {name: code for code, name in enumerate(names)}
         parts = [
-            np.array([known.get(name, -1) for name in leaf.datasets.names])[leaf.datasets.codes]
-            for leaf in self.leaves
+            np.array([known.get(name, -1) for name in segment.datasets.names])[segment.datasets.codes]
+            for segment in self.segments
         ]
         codes = self._all(parts, np.int64)
-        records = self._all([leaf.records for leaf in self.leaves], RECORD)
-        numbers = np.flatnonzero(self._all([leaf.live for leaf in self.leaves], np.bool_))
+        records = self._all([segment.records for segment in self.segments], RECORD)
+        numbers = np.flatnonzero(self._all([segment.live for segment in self.segments], np.bool_))
         order = numbers[np.lexsort((records["first_scan"][numbers], codes[numbers]))]
         return Overview(names, codes[order], records[order], order)
 
     def numbered(self, number: int) -> Document:
         """The map of this number among the documents of all segments, with its text."""
-        return self._place(number).document(text=True)
+        return self._address(number).document(text=True)
 
     def runs(self, dataset: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """(M,) the first scans of a dataset's maps, ascending, and (M,) the travel where they begin, metres."""
         scans, begins = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-        for leaf in self.leaves:
-            own = leaf.of_dataset(dataset) & leaf.live
-            scans.append(leaf.records["first_scan"][own])
-            begins.append(leaf.records["travel"][own, 0])
+        for segment in self.segments:
+            own = segment.of_dataset(dataset) & segment.live
+            scans.append(segment.records["first_scan"][own])
+            begins.append(segment.records["travel"][own, 0])
         order = np.argsort(np.concatenate(scans), kind="stable")
         return np.concatenate(scans)[order], np.concatenate(begins)[order]
 
-    def places(self) -> Iterator[Place]:
+    def addresses(self) -> Iterator[Address]:
         """All maps in the order of ids."""
-        return map(self._place, self._order.tolist())
+        return map(self._address, self._order.tolist())
 
-    def _place(self, number: int) -> Place:
-        leaf = next(leaf for leaf in reversed(self.leaves) if leaf.offset <= number)
-        return Place(leaf, number - leaf.offset)
+    def _address(self, number: int) -> Address:
+        segment = next(segment for segment in reversed(self.segments) if segment.offset <= number)
+        return Address(segment, number - segment.offset)
 
     def _all(self, parts: Sequence[NDArray[Any]], dtype: Any) -> NDArray[Any]:
         return np.concatenate([np.zeros(0, dtype=dtype), *parts])

@@ -129,8 +129,8 @@ class MapTerms(TermsReader):
         dataset, _, number = name.rpartition("/")  # a map's id is a dataset's name and a scan's number
         if fieldname != "map_id" or not number.isdecimal() or map_id_of(dataset, int(number[:20])) != name:
             return np.zeros(0, dtype=np.int64)
-        scans = self._columns.first_scans()
-        return np.flatnonzero((scans == int(number)) & (names.codes == names.code(dataset)))
+        found = np.flatnonzero(self._columns.first_scans == int(number))
+        return found[names.codes[found] == names.code(dataset)]
 
     def _sorted(self, fieldname: str) -> list[bytes]:
         """The names of all documents."""

@@ -11,7 +11,7 @@ from m2t_text.index.integrity.salvage import maps_of
 from m2t_text.index.storage.directory import MapStorage
 from m2t_text.index.writing.folder import no_index
 from m2t_text.index.writing.lock import leftovers, locked
-from m2t_text.index.writing.map_writer import told, writing
+from m2t_text.index.writing.map_writer import disk_errors, open_writer
 from m2t_text.index.writing.toc import TOC, contents_name, copy_name, files_of, generation, read
 from m2t_text.util.types import Progress
 
@@ -99,12 +99,12 @@ def repair_index(folder: Path, seconds: float, progress: Progress | None = None)
     storage = MapStorage(folder)
     if generation(storage) < 0:
         raise no_index(folder)
-    with told(folder), locked(folder, seconds):
+    with disk_errors(folder), locked(folder, seconds):
         done = _repair_tables(storage)
     contents = read(storage, contents_name(generation(storage)))
     if check_index(folder, progress).sound:
         return done
-    with writing(folder, contents.schema["text"].parameters, seconds) as writer:
+    with open_writer(folder, contents.schema["text"].parameters, seconds) as writer:
         drives = set(contents.schema["text"].drives)
         for segment in list(contents.segments):
             file, _ = _check_segment(storage, segment, drives, lambda: None)

@@ -18,7 +18,7 @@ GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 
 
 
 @dataclass(frozen=True)
-class Segment:
+class SegmentTexts:
     """One segment as a reader sees it.
 
     Attributes:
@@ -39,7 +39,7 @@ class Collection:
         maps: N, number of live maps.
     """
 
-    segments: dict[str, Segment]
+    segments: dict[str, SegmentTexts]
     maps: int
 
     @cached_property
@@ -106,5 +106,5 @@ def _collect(reader: Any, fieldname: str) -> Collection:
     return Collection(segments, sum(int(segment.live.sum()) for segment in segments.values()))
 
 
-def _segment(leaf: Any, fieldname: str) -> Segment:
-    return Segment(leaf.column_reader(fieldname, translate=False).texts, live_documents(leaf))
+def _segment(leaf: Any, fieldname: str) -> SegmentTexts:
+    return SegmentTexts(leaf.column_reader(fieldname, translate=False).texts, live_documents(leaf))

@@ -11,7 +11,7 @@ from m2t_text.config import MatchingParameters
 from m2t_text.description.text import Text
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
-from m2t_text.index.search.collection import Collection, Segment, collection, segment_name
+from m2t_text.index.search.collection import Collection, SegmentTexts, collection, segment_name
 from m2t_text.index.search.scorers import AgreementScorer, BagScorer, IntersectionScorer
 from m2t_text.index.search.top_k import Scorer, TopK
 
@@ -89,7 +89,7 @@ class OffsetAgreement(MapWeighting):
 def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:
     """How far each of some packed texts agrees with a query on one offset."""
     live = np.ones(texts.documents, dtype=np.bool_)
-    whole = Collection({"": Segment(texts, live)}, texts.documents)
+    whole = Collection({"": SegmentTexts(texts, live)}, texts.documents)
     with TopK(model.text_scorer(text, whole), {"": np.arange(texts.documents)}) as top_k:
         return top_k.all()
 

@@ -63,7 +63,7 @@ def open_whoosh(folder: Path) -> tuple[SafeIndex, Parameters]:
     """
     if not holds_index(folder):
         raise no_index(folder)
-    with reading(folder):
+    with damage_errors(folder):
         whoosh = SafeIndex(MapStorage(folder))
         return whoosh, whoosh.schema["text"].parameters
 
@@ -88,7 +88,7 @@ def is_empty(whoosh: SafeIndex) -> bool:
 
 
 @contextmanager
-def reading(folder: Path) -> Iterator[None]:
+def damage_errors(folder: Path) -> Iterator[None]:
     """Says of what goes wrong in the block that the index cannot be read, and what to do."""
     try:
         yield

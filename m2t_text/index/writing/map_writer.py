@@ -15,14 +15,14 @@ from m2t_text.errors import MapIndexError, SourceError
 from m2t_text.index.codec import MapSegment
 from m2t_text.index.kernels.packed import MOST
 from m2t_text.index.schema import to_fields
-from m2t_text.index.writing.folder import open_whoosh, reading
+from m2t_text.index.writing.folder import damage_errors, open_whoosh
 from m2t_text.index.writing.merge_policy import merge_all, merge_small
 from m2t_text.index.writing.segment_writer import SegmentMaker
 from m2t_text.util.names import checked_name
 
 
 @contextmanager
-def writing(folder: Path, parameters: Parameters, seconds: float) -> Iterator["MapWriter"]:
+def open_writer(folder: Path, parameters: Parameters, seconds: float) -> Iterator["MapWriter"]:
     """Changes to an index that are committed together when the block ends, or not at all if it raises.
 
     What a killed writer left is removed first. After a failure nothing is left of what was not committed.
@@ -35,7 +35,7 @@ def writing(folder: Path, parameters: Parameters, seconds: float) -> Iterator["M
         MapIndexError: if another process keeps writing, the index has other parameters, or the disk refuses.
     """
     whoosh, _ = open_whoosh(folder)
-    with reading(folder), told(folder):
+    with damage_errors(folder), disk_errors(folder):
         maker = whoosh.writer(seconds)
     try:
         field = maker.schema["text"]
@@ -51,7 +51,7 @@ def writing(folder: Path, parameters: Parameters, seconds: float) -> Iterator["M
 
 
 @contextmanager
-def told(folder: Path) -> Iterator[None]:
+def disk_errors(folder: Path) -> Iterator[None]:
     """A disk that refuses is a MapIndexError."""
     try:
         yield
@@ -68,7 +68,7 @@ def other_parameters(folder: Path, stored: Parameters, wanted: Parameters) -> Ma
 
 
 class MapWriter:
-    """Collects changes to an index for one commit; `writing` makes one."""
+    """Collects changes to an index for one commit; `open_writer` makes one."""
 
     def __init__(self, whoosh: SegmentMaker, path: Path) -> None:
         self._whoosh = whoosh
@@ -104,7 +104,7 @@ class MapWriter:
             self._drives[name] = (int(scans), float(metres))
 
     def _add(self, document: Document) -> None:
-        with told(self._path):
+        with disk_errors(self._path):
             self._whoosh.add_document(**to_fields(document))
 
     def rebuild(self, segment: MapSegment, documents: Iterable[Document]) -> None:
@@ -123,7 +123,7 @@ class MapWriter:
             raise MapIndexError(f"dataset {name!r} is replaced twice in one commit")
         self._replaced.add(name)
         self._drives.pop(name, None)
-        with reading(self._path):
+        with damage_errors(self._path):
             self._whoosh.delete_by_query(Term("dataset", name))
 
     def commit(self) -> None:
@@ -132,7 +132,7 @@ class MapWriter:
         ``progress`` is told how many maps are in the new segment when old ones are merged into it.
         """
         policy = merge_all if self.optimize else merge_small
-        with told(self._path):
+        with disk_errors(self._path):
             self._whoosh.commit(mergetype=partial(policy, progress=self.progress))
 
 

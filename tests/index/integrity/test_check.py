@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from states import MAPS, built, contents, expected, maps
 
-from m2t_text.errors import MapIndexError
+from m2t_text.errors import DamageError, MapIndexError
 from m2t_text.index.integrity.check import DatasetCheck, check_index, repair_index
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.schema import RECORD
+from m2t_text.index.snapshot import Snapshot
 
 STATE = {"a": MAPS - 1, "b": 2 * MAPS - 1, "c": 3, "d": 16}
 
@@ -83,6 +84,17 @@ def test_a_missing_segment(index: MapIndex) -> None:
     left = {name: seed for name, seed in STATE.items() if name not in lost}
     assert contents(MapIndex.open(index.path)) == expected(left)
     assert [each.name for each in MapIndex.open(index.path).datasets()] == sorted(left)
+
+
+def test_hurt_texts_are_found_when_a_snapshot_is_opened(index: MapIndex) -> None:
+    """Else some searches would go on as if nothing were wrong, and others fail."""
+    file = segment_with(index, "c")
+    (segment,) = [one for one in index.whoosh._segments() if one.filename == file.name]
+    data = bytearray(file.read_bytes())
+    data[segment.parts["text"][0]] ^= 1  # the number of maps
+    file.write_bytes(data)
+    with pytest.raises(DamageError, match="damaged"):
+        Snapshot.open(index.whoosh.searcher())
 
 
 @pytest.mark.parametrize("name", ["_MAIN_6.toc", "_MAIN_6.copy.toc"])

@@ -85,10 +85,10 @@ def test_random_keypoints_lead_no_search_astray(index: MapIndex, tmp_path: Path,
             contents(attacked)
         for text in (wide[0].text, random_text(np.random.default_rng(seed), 40)):
             for model in (OffsetAgreement(), OffsetAgreement(window=20), HistogramIntersection(), BAGS):
-                with attacked._reading() as state:
-                    scores = state.scores(text, model)
-                    every = [leaf.live for leaf in state.leaves]
-                    best = state.best(text, model, 2, every)[1]
+                with attacked._reading() as snapshot:
+                    scores = snapshot.scores(text, model)
+                    every = [segment.live for segment in snapshot.segments]
+                    best = snapshot.best(text, model, 2, every)[1]
                 assert (scores.matched >= 0).all() and (scores.matched <= len(text)).all()
                 assert np.isfinite(scores.score).all() and len(best.score) <= len(scores.score)
 

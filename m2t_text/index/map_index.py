@@ -148,6 +148,34 @@ class MapIndex:
         with self.writer() as writer:
             writer.replace(name, documents, drive)
 
+    def append(self, name: str, documents: Iterable[Document]) -> None:
+        """These documents besides those that the dataset has, in one commit, as of an unfinished drive.
+
+        Others may search meanwhile. A commit costs as much for one map as for a hundred: collect some.
+
+        Args:
+            name: of the dataset; it is made with its first maps.
+            documents: in the order of their first scans, all after those of the dataset.
+
+        Raises:
+            MapIndexError: if a document cannot be kept, or does not come after those before it; nothing is
+                added then.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> documents = list(m2t.MapIndex.open("indexes/default").documents("drive"))
+            >>> index = m2t.open_index("indexes/new")
+            >>> index.append("drive", documents[:30])
+            >>> index.append("drive", documents[30:])
+            >>> len(index) == len(documents)
+            True
+        """
+        with self.writer() as writer:
+            latest = MapIndex(self.path, self.whoosh, self.parameters)  # be this one pinned; nobody writes now
+            with latest._reading() as snapshot:
+                last = snapshot.last_scan(name)
+            writer.append(name, documents, last)
+
     def remove(self, *names: str) -> None:
         """Removes datasets with all their maps, in one commit.
 

@@ -138,6 +138,14 @@ class Snapshot:
         """Of all maps together."""
         return sum(int(segment.texts.texts.counts[segment.live].sum()) for segment in self.segments)
 
+    def last_scan(self, dataset: str) -> int:
+        """The first scan of the last map of a dataset; -1 if there is none."""
+        firsts = [
+            segment.records["first_scan"][segment.of_dataset(dataset) & segment.live].max(initial=-1)
+            for segment in self.segments
+        ]
+        return int(max(firsts, default=-1))
+
     def maps(self) -> dict[str, int]:
         """How many maps each dataset has, by name."""
         counts: dict[str, int] = {}

@@ -52,6 +52,32 @@ def test_documents_come_back_exactly(index):
         again.document("a/000500")
 
 
+def test_what_is_appended_is_what_is_put_in_at_once(index, tmp_path):
+    documents, other = random_documents(1, "a", 40), random_documents(2, "b", 4)
+    documents = sorted(documents, key=lambda one: one.first_scan)
+    index.replace("b", other)
+    for begin in range(0, 40, 7):
+        index.append("a", documents[begin : begin + 7])
+        assert len(index) == 4 + min(begin + 7, 40)
+    whole = MapIndex.create(tmp_path / "whole", Parameters())
+    whole.replace("b", other)
+    whole.replace("a", documents)
+    assert contents(index) == contents(whole) and index.datasets() == whole.datasets()
+    for query in (documents[3].text, other[1].text):
+        hits = [(hit.map_id, hit.score, hit.matched) for hit in index.search(query, top=0)]
+        assert hits == [(hit.map_id, hit.score, hit.matched) for hit in whole.search(query, top=0)]
+
+
+def test_what_cannot_be_appended_changes_nothing(index):
+    documents = sorted(random_documents(1, "a", 6), key=lambda one: one.first_scan)
+    index.append("a", documents[:4])
+    before = contents(index)
+    for wrong in (documents[3:], [documents[5], documents[4]], [replace(documents[5], dataset="b")]):
+        with pytest.raises(MapIndexError):
+            index.append("a", wrong)
+    assert contents(index) == before
+
+
 def test_a_dataset_is_replaced_and_nothing_else_changes(index):
     first, other = random_documents(1, "a", 6), random_documents(2, "b", 4)
     index.replace("a", first)

@@ -103,6 +103,29 @@ class MapWriter:
         if seen:
             self._drives[name] = (int(scans), float(metres))
 
+    def append(self, name: str, documents: Iterable[Document], last: int = -1) -> None:
+        """These documents besides those that the dataset has.
+
+        Args:
+            name: of the dataset.
+            documents: in the order of their first scans.
+            last: first scan of the last map that the dataset has.
+
+        Raises:
+            MapIndexError: if a document cannot be kept, or does not come after those before it.
+        """
+        scans, metres = self._drives.get(name, (0, 0.0))
+        for document in documents:
+            check(document, name)
+            if document.first_scan <= last:
+                raise MapIndexError(
+                    f"map {document.map_id!r} cannot be appended: dataset {name!r} has maps up to scan {last}"
+                )
+            last = document.first_scan
+            self._add(document)
+            scans, metres = max(scans, document.last_scan + 1), max(metres, float(document.travel[1]))
+            self._drives[name] = (int(scans), float(metres))
+
     def _add(self, document: Document) -> None:
         with disk_errors(self._path):
             self._whoosh.add_document(**to_fields(document))

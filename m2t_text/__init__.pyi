@@ -7,7 +7,9 @@ from .errors import FetchError, LogError, M2TError, MapIndexError, QueryError, S
 from .index.map_index import MapIndex, open_index
 from .index.merging import indexes_in, merge
 from .index.results import DatasetSummary, Hit, IndexInfo
+from .live.localizer import Localizer
 from .live.odometry import OdometryBuffer
+from .live.place import Place
 from .live.survey import LiveSurvey
 from .logs import read_log
 from .logs.log import Log, LogOptions, Scan
@@ -21,6 +23,7 @@ from .recognition.verification import Alignment, align, relative_pose
 from .slam.mapping import MapOfLogs, map_logs
 from .sources.opening import LogSource, SourceOptions, open_source
 from .sources.public_logs import LOGS, fetch
+from .sources.saved_map import SavedMap
 
 __version__: str
 __all__ = [
@@ -36,6 +39,7 @@ __all__ = [
     "Hit",
     "IndexInfo",
     "LiveSurvey",
+    "Localizer",
     "Log",
     "LogError",
     "LogOptions",
@@ -46,8 +50,10 @@ __all__ = [
     "MapOfLogs",
     "OdometryBuffer",
     "Parameters",
+    "Place",
     "Query",
     "QueryError",
+    "SavedMap",
     "Scan",
     "SearchOptions",
     "Simulation",

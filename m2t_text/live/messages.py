@@ -9,6 +9,7 @@ import numpy as np
 
 from m2t_text.errors import LogError, M2TError, clean
 from m2t_text.logs.log import Log, Scan
+from m2t_text.mapping.trajectory import without_wheels
 from m2t_text.util.names import checked_name
 from m2t_text.util.types import Floats
 
@@ -17,11 +18,13 @@ LONGEST = 1 << 24  # characters of a line
 
 @dataclass(frozen=True)
 class Robot:
-    """What is told before the first scan: the drive's name, where the laser sits, and if there is odometry."""
+    """What is told before the first scan: the log's name, where the laser sits, whether there is odometry, and
+    the numbers of the drives of which it tells nothing."""
 
     name: str
     laser_pose: Floats
     has_odometry: bool
+    without_wheels: frozenset[int]
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,9 @@ def parse(line: str) -> Message:
 
 def _robot(fields: dict[str, Any]) -> Robot:
     laser = np.asarray(fields.get("laser_pose", [0.0, 0.0, 0.0]), dtype=float)
-    return Robot(checked_name(str(fields.get("name", "live"))), laser, bool(fields.get("has_odometry", True)))
+    still = frozenset(int(drive) for drive in fields.get("without_wheels", ()))
+    name = checked_name(str(fields.get("name", "live")))
+    return Robot(name, laser, bool(fields.get("has_odometry", True)), still)
 
 
 def _odometry(fields: dict[str, Any]) -> Odometry:
@@ -129,7 +134,8 @@ _READERS: dict[str, Any] = {
 
 def robot_line(log: Log) -> str:
     """The message that a replayed log begins with."""
-    return _line(type="robot", name=log.name, laser_pose=log.laser_pose.tolist(), has_odometry=log.has_odometry)
+    still = sorted(without_wheels(log))
+    return _line(type="robot", name=log.name, laser_pose=log.laser_pose.tolist(), without_wheels=still)
 
 
 def scan_line(scan: Scan, time: float) -> str:

@@ -5,15 +5,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from m2t_text.config import Parameters
 from m2t_text.errors import M2TError
+from m2t_text.live.localizer import Localizer
 from m2t_text.live.messages import Locate, Message, Odometry, Reset, Robot, Swept
 from m2t_text.live.odometry import GAP, SLACK, OdometryBuffer
 from m2t_text.live.survey import LiveSurvey
 from m2t_text.logs.log import Scan
+from m2t_text.mapping.local_map import LocalMap
 
 Answer = dict[str, Any]  # one JSON object a line
 WAITING = 1000  # scans that wait for odometry, at most
+SHORTEST = 2.0  # m of travel that are looked up where a drive has just begun
 
 
 class Session:
@@ -22,21 +28,48 @@ class Session:
     A scan without odometry of its own waits until odometry as new as itself has come.
     """
 
-    def __init__(self, parameters: Parameters, poses: bool = True, laser_pose: Any = None) -> None:
-        """``poses``: whether each scan is answered; ``laser_pose`` (3,) counts more than what a robot says."""
+    def __init__(
+        self,
+        parameters: Parameters,
+        localizer: Localizer | None = None,
+        every: float | None = None,
+        poses: bool = True,
+        laser_pose: ArrayLike | None = None,
+    ) -> None:
+        """
+        Args:
+            parameters: those of the localizer's index, if there is one.
+            localizer: finds the robot in an index.
+            every: metres of travel from one answer of where the robot is to the next; None: only when asked.
+            poses: whether each scan is answered.
+            laser_pose: (3,) counts more than what a robot says.
+        """
         self._parameters = parameters
+        self.localizer = localizer
+        self._every = every
         self._poses = poses
         self._laser_pose = laser_pose
-        self._has_odometry = True
-        self.name = "live"
+        self._robot = Robot("live", np.zeros(3), True, frozenset())
         self._begin()
 
-    def _begin(self, laser_pose: Any = (0.0, 0.0, 0.0)) -> None:
-        self.survey = LiveSurvey(self._parameters, laser_pose if self._laser_pose is None else self._laser_pose)
+    def _begin(self) -> None:
+        robot = self._robot
+        mounted = robot.laser_pose if self._laser_pose is None else self._laser_pose
+        still = robot.without_wheels if robot.has_odometry else True
+        self.survey = LiveSurvey(self._parameters, mounted, without_wheels=still)
         self._odometry = OdometryBuffer()
         self._waiting: deque[Scan] = deque()
         self._last: float | None = None  # s; time of the last scan
         self._drives = 0  # begun as the clock of the scans began again
+        self._asked = 0.0  # m of travel at the last answer of where the robot is
+        self._drive: int | None = None
+        if self.localizer is not None:
+            self.localizer.reset()
+
+    @property
+    def drive(self) -> int:
+        """The number of the drive that the last scan belongs to."""
+        return self._drive or 0
 
     def take(self, message: Message) -> Iterator[Answer]:
         """The answers to a message.
@@ -54,7 +87,7 @@ class Session:
         elif isinstance(message, Locate):
             yield from self.locate(message.run)
         elif isinstance(message, Reset):
-            self._begin(self.survey.laser_pose)
+            self._begin()
 
     def end(self) -> Iterator[Answer]:
         """What is left to say when no message comes any more."""
@@ -64,8 +97,12 @@ class Session:
     def _introduce(self, robot: Robot) -> None:
         if self.survey.scans:
             raise M2TError("robot: it is told before the first scan, or after a reset")
-        self._begin(robot.laser_pose)
-        self.name, self._has_odometry = robot.name, robot.has_odometry
+        before, self._robot = self._robot, robot
+        try:
+            self._begin()
+        except M2TError:
+            self._robot = before
+            raise
 
     def _swept(self, message: Swept) -> Iterator[Answer]:
         scan = message.scan
@@ -79,7 +116,7 @@ class Session:
             self._drives += 1
             self._waiting.clear()
         self._last = scan.timestamp
-        if not self._has_odometry:
+        if not self._robot.has_odometry:
             yield from self._add(replace(scan, drive=self._drives))
             return
         self._waiting.append(scan)
@@ -103,6 +140,9 @@ class Session:
 
     def _add(self, scan: Scan) -> Iterator[Answer]:
         pose = self.survey.add(scan)
+        if self._drive not in (None, scan.drive) and self.localizer is not None:
+            self.localizer.reset()
+        self._drive = scan.drive
         if self._poses:
             yield {
                 "type": "pose",
@@ -111,10 +151,41 @@ class Session:
                 "pose": pose.tolist(),
                 "travel": self.survey.travel,
             }
+        if self._every is not None and self.survey.travel >= self._asked + self._every:
+            yield from self.locate()
 
     def locate(self, run: float | None = None) -> Iterator[Answer]:
-        """Where the robot is in the maps of the index."""
-        raise M2TError("locate: there is no index to look the place up in; name one with --index")
+        """Where the robot is in the maps of the index.
+
+        Raises:
+            M2TError: if there is no index, or so much of the drive is not kept.
+        """
+        if self.localizer is None:
+            raise M2TError("locate: there is no index to look the place up in; name one with --index")
+        seen = self.last_run(run)
+        if seen is None:
+            if self._every is None:
+                yield _warning(f"the drive has just begun: it takes {SHORTEST:g} m to know where the robot is")
+            return
+        self._asked = self.survey.travel
+        place = self.localizer.locate(seen, self.survey.pose)
+        yield {
+            "type": "place",
+            "scan": self.survey.scans - 1,
+            "travel": self.survey.travel,
+            "drive_pose": self.survey.pose.tolist(),
+            **place.to_json(),
+        }
+
+    def last_run(self, run: float | None = None) -> LocalMap | None:
+        """What the robot saw on its last run; where its drive has just begun, on all of it from SHORTEST on."""
+        wanted = self._parameters.mapping.run_length if run is None else run
+        seen = self.survey.last_run(wanted)
+        if seen is None and run is None:
+            least = min(SHORTEST, wanted)
+            if self.survey.driven >= least:
+                seen = self.survey.last_run(self.survey.driven)
+        return seen
 
 
 def _warning(text: str) -> Answer:

@@ -1,6 +1,7 @@
 """A drive that is not finished: scans are matched as they come, and local maps made of the last metres."""
 
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,6 +64,7 @@ class LiveSurvey:
         parameters: of the index in which places will be looked up.
         laser_pose: (3,) of the laser in the robot's frame, metres and radians.
         longest_run: metres of travel up to which `last_run` can look back; None for twice a map's.
+        without_wheels: the drives whose scans come without odometry, see `Scan`; True for all.
 
     Raises:
         LogError: if the laser sits nowhere on a robot.
@@ -78,7 +80,11 @@ class LiveSurvey:
     """
 
     def __init__(
-        self, parameters: Parameters, laser_pose: ArrayLike = (0.0, 0.0, 0.0), longest_run: float | None = None
+        self,
+        parameters: Parameters,
+        laser_pose: ArrayLike = (0.0, 0.0, 0.0),
+        longest_run: float | None = None,
+        without_wheels: Container[int] | bool = False,
     ) -> None:
         self.parameters = parameters
         self.laser_pose = np.asarray(laser_pose, dtype=float)
@@ -86,13 +92,15 @@ class LiveSurvey:
             raise LogError(
                 f"the laser's pose is x, y, theta, within {ARM:g} m of the robot, not {laser_pose!r}"
             )
+        every: Container[int] = range(sys.maxsize) if without_wheels else ()
+        self._without_wheels = every if isinstance(without_wheels, bool) else without_wheels
         self._run = parameters.mapping.run_length
         self._longest_run = max(self._run, 2 * self._run if longest_run is None else longest_run)
         self.reset()
 
     def reset(self) -> None:
         """Forgets all: the next scan is the first one, at the pose zero."""
-        self._matcher = ScanMatcher(self.laser_pose)
+        self._matcher = ScanMatcher(self.laser_pose, self._without_wheels)
         self._odometer = Odometer()
         self._longest = 0.0  # m; reading so far
         self._kept: list[_Kept] = []
@@ -132,6 +140,11 @@ class LiveSurvey:
         while begin + 1 < len(kept) and self.travel - kept[begin + 1].way >= self._longest_run:
             begin += 1
         del kept[: max(begin, len(kept) - MOST)]
+
+    @property
+    def driven(self) -> float:
+        """Metres of travel that are kept of this drive."""
+        return self.travel - self._kept[0].way if self._kept else 0.0
 
     def last_run(self, metres: float | None = None) -> LocalMap | None:
         """What was seen on the last ``metres`` of travel, those of a map if None, in the frame of their begin.

@@ -86,10 +86,14 @@ def test_scans_without_odometry_are_left_out_with_a_word(short: Log) -> None:
 
 
 def test_without_wheels_scan_matching_goes_alone(short: Log) -> None:
-    session = Session(DEFAULT)
-    said(session, {"type": "robot", "has_odometry": False, "laser_pose": [0.1, 0, 0]})
-    answers = said(session, *(scan(0.1 * k, short, k) for k in range(4)))
-    assert [one["scan"] for one in answers] == [0, 1, 2, 3]
+    session, still = Session(DEFAULT), tuple(replace(one, odometry=np.zeros(3)) for one in short.scans)
+    said(session, {"type": "robot", "has_odometry": False, "laser_pose": short.laser_pose.tolist()})
+    answers = said(session, *(scan(0.1 * k, short, k) for k in range(len(still))))
+    log = replace(short, scans=still, has_odometry=False)
+    poses = survey(log, DEFAULT.mapping).trajectory
+    assert np.array_equal([one["pose"] for one in answers], poses) and np.ptp(poses[:, 0]) > 1.0
+    replay = said(Session(DEFAULT), *replayed(log, 0.0))
+    assert [one["pose"] for one in replay] == [one["pose"] for one in answers]
 
 
 def test_late_and_repeated_scans_and_a_clock_that_begins_again(short: Log) -> None:

@@ -23,7 +23,25 @@ def live(
     source: Annotated[
         str, typer.Argument(metavar="SOURCE", help="- for standard input; a file, or a named pipe.")
     ] = "-",
-    profile: Annotated[str, typer.Option("--profile", metavar="NAME", help="Without an index.")] = "default",
+    index: Annotated[
+        Path | None,
+        typer.Option("--index", metavar="DIR", envvar="M2T_INDEX", help="Say where in its maps it is."),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(
+            "--every",
+            min=0.1,
+            callback=a_number,
+            metavar="METRES",
+            help="Of travel, from one answer to the next.",
+            show_default="only when asked",
+        ),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option("--profile", metavar="NAME", help="Without an index.", show_default="default"),
+    ] = None,
     laser_pose: LaserPoseOption = None,
     poses: Annotated[bool, typer.Option("--poses/--no-poses", help="Whether each scan is answered.")] = True,
 ) -> None:
@@ -36,26 +54,37 @@ def live(
     {"type": "odometry", "time": 1.25, "pose": [0.5, 0, 0.1]}
     {"type": "scan", "time": 1.2, "angle_min": -1.57, "angle_increment": 0.0175,
      "range_max": 30, "ranges": [1.2, null, 3.4]}                  null: no return
-    {"type": "reset"}
+    {"type": "locate"}                                             where am I?
+    {"type": "reset"}                                              a new drive begins
 
     [bold]Out[/bold]
 
     \b
     {"type": "pose", "scan": 0, "time": 1.2, "pose": [0, 0, 0], "travel": 0.0}
+    {"type": "place", "verdict": "match", "dataset": "office", "pose": [4.2, 1.0, 1.57],
+     "covariance": [...], "probability": 0.999, "reason": {...}, "state": "tracked", ...}
     {"type": "error", "line": 7, "text": "..."}                    the line was left out
 
     [bold]Examples[/bold]
 
     \b
     m2t-text replay robot.log --speed 0 | m2t-text live -    a log, as fast as it goes
+    m2t-text replay robot.log | m2t-text live - --index indexes/office --every 2 --no-poses
     """
     from m2t_text.config import parameters_of
     from m2t_text.errors import M2TError
+    from m2t_text.index.map_index import MapIndex
+    from m2t_text.live.localizer import Localizer
     from m2t_text.live.messages import parse
     from m2t_text.live.session import Session
 
     mounted = None if laser_pose is None else (*laser_pose[:2], radians(laser_pose[2]))
-    session = Session(parameters_of(profile), poses, mounted)
+    if index is not None and profile is not None:
+        raise typer.BadParameter("the profile is the index's; name no other")
+    opened = None if index is None else MapIndex.open(index)
+    parameters = parameters_of(profile or "default") if opened is None else opened.parameters
+    localizer = None if opened is None else Localizer(opened)
+    session = Session(parameters, localizer, every, poses, mounted)
     for number, line in enumerate(_lines(source), start=1):
         if not line.strip():
             continue

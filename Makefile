@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test web-test web-bench stress fuzz bench loops slam-bench lint docs clean
+.PHONY: help demo test web-test ros-test web-bench live-bench stress fuzz bench loops slam-bench lint docs clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -45,6 +45,23 @@ loops: $(VENV)/.installed-test  ## how far loops correct logs: make loops LOGS="
 # SLAM_LOGS is the folder of the logs and relations, NAME.log.gz and NAME.relations.gz.
 slam-bench: $(VENV)/.installed  ## the SLAM benchmark: trajectories before and after loops
 	$(BIN)/python tests/benchmarks/slam_bench.py
+
+# In an environment of its own, as the wheels of rclpy restart every Python that finds them. Where there are none,
+# for another processor or Python, it says so and succeeds.
+ros-test: $(VENV)-ros/.installed  ## the ROS 2 node, with real rclpy, without a network
+	@if $(VENV)-ros/bin/python -c 'import rclpy' 2>/dev/null; then \
+		tests/ros/isolated.sh $(VENV)-ros/bin/python -m pytest tests/ros -p no:xdist; \
+	else echo 'no wheels of rclpy for this machine: the tests of the ROS 2 node are skipped'; fi
+
+$(VENV)-ros/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-ros
+	$(VENV)-ros/bin/python -m pip install --quiet --disable-pip-version-check -e . pytest hypothesis
+	$(VENV)-ros/bin/python -m pip install --quiet --disable-pip-version-check -e '.[ros-test]' \
+		|| echo 'the wheels of rclpy cannot be installed here'
+	@touch $@
+
+live-bench: $(VENV)/.installed  ## live answers: how right, how soon, how much memory
+	$(BIN)/python tests/benchmarks/live_bench.py
 
 lint: $(VENV)/.installed-lint  ## ruff, mypy and the layers of the package
 	$(BIN)/ruff check .

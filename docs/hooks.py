@@ -27,6 +27,7 @@ ORDER = (
     "web",
     "indexes",
     "loops",
+    "ros2",
     "mapping",
     "architecture",
     "trust",

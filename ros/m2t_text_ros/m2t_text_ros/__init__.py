@@ -1,0 +1,1 @@
+"""m2t-text as a ROS 2 node."""

@@ -49,7 +49,8 @@ def print_table(title: str, columns: dict[str, str], rows: list[list[str]]) -> N
 
     table = Table(box=box.SIMPLE_HEAD)
     for name, side in columns.items():
-        table.add_column(name, justify="left" if side == "left" else "right", overflow="fold")
+        left = side == "left"  # names and ids, which do not break on a narrow terminal
+        table.add_column(name, justify="left" if left else "right", overflow="fold", no_wrap=left)
     for row in rows:
         table.add_row(*(Text(clean(cell)) for cell in row))
     console = _console()

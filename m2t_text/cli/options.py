@@ -99,8 +99,8 @@ READING = {
     "height": (HeightOption, None),
 }
 TARGETS = (
-    "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log; a .txt file or - with a text; "
-    "a point cloud."
+    "A map id; LOG@METRES or LOG#SCAN, where a map begins in a log, or DATASET@METRES in an indexed "
+    "dataset; a .txt file or - with a text; a point cloud."
 )
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from m2t_text.cli.compiling import compile_for
+from m2t_text.cli.completion import map_ids
 from m2t_text.cli.console import note, print_json
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
 
 @reads_logs
 def inspect(
-    target: Annotated[str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False)],
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help=TARGETS, show_default=False, autocompletion=map_ids)
+    ],
     index: IndexOption = DEFAULT_INDEX,
     run: RunOption = None,
     as_json: JsonOption = False,

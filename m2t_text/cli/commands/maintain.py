@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.completion import datasets as names
 from m2t_text.cli.console import bars, print_held, print_json, print_lines, print_table
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, JsonOption
 from m2t_text.sources.public_logs import LOGS, SOURCE
@@ -111,7 +112,9 @@ def merge(
 
 
 def remove(
-    datasets: Annotated[list[str], typer.Argument(metavar="DATASET", help="Names, as `info` shows them.")],
+    datasets: Annotated[
+        list[str], typer.Argument(metavar="DATASET", help="Names, as `info` shows them.", autocompletion=names)
+    ],
     index: IndexOption = DEFAULT_INDEX,
     as_json: JsonOption = False,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from m2t_text.cli.compiling import compile_for
+from m2t_text.cli.completion import map_ids
 from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
@@ -31,7 +32,9 @@ if TYPE_CHECKING:
 
 @reads_logs
 def search(
-    query: Annotated[str, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False)],
+    query: Annotated[
+        str, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False, autocompletion=map_ids)
+    ],
     index: IndexOption = DEFAULT_INDEX,
     top: Annotated[int, typer.Option(min=0, metavar="K", help="Number of results; 0 for every map.")] = 10,
     exclude_travel: Annotated[
@@ -84,12 +87,24 @@ def search(
     compile_for(query, opened.parameters, not no_verify)
     answer = find(query, opened, options, reading, where)
     warn(answer.query)
+    if exclude_travel is not None:
+        _warn_of_no_dataset(answer)
     if plot is not None:
         _draw(answer, plot)
     if as_json:
         print_json(answer.to_json())
     else:
         _print_answer(answer)
+
+
+def _warn_of_no_dataset(answer: "Answer") -> None:
+    """Says that --exclude-travel had nothing to leave out: a log by another name than it was indexed."""
+    document = answer.query.document
+    if document is not None and not len(answer.index.runs(document.dataset)[0]):
+        note(
+            f"warning: --exclude-travel leaves nothing out: {answer.index.lacking(document.dataset)}; if it "
+            "holds the query's drive by another name, give that with --name"
+        )
 
 
 def _print_answer(answer: "Answer") -> None:

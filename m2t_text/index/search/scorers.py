@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import Text
-from m2t_text.index.kernels import agreement, bounds, intersection
+from m2t_text.index.kernels import agreement, bounds, intersection, tiles
 from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.bound_tables import WINDOW, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
+from m2t_text.index.kernels.tiles import TileTables
 from m2t_text.index.kernels.views import QUARTER, Views, views
 from m2t_text.index.search.collection import Collection
 from m2t_text.util.types import Floats
@@ -26,6 +27,10 @@ class WordScorer:
     """What bags of words and their filtered intersection have in common."""
 
     estimates_are_bounds = True
+    sieves = False
+
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
+        return np.ones(len(documents), dtype=np.bool_)
 
     def __init__(self, text: Text, whole: Collection, weighted: bool) -> None:
         self.text = text
@@ -136,6 +141,10 @@ class AgreementScorer:
         return CoarseTables.of(self._seen)
 
     @cached_property
+    def _tiles(self) -> TileTables:
+        return TileTables.of(self._seen)
+
+    @cached_property
     def _fine(self) -> FineTables:
         return FineTables.of(self._seen, self._coarse)
 
@@ -144,6 +153,16 @@ class AgreementScorer:
         if len(self._seen.wa):
             bounds.sampled_shares(self._texts(name), documents, self._coarse, shares)
         return shares
+
+    @cached_property
+    def sieves(self) -> bool:
+        """Whether `may_reach` says more than that every map may."""
+        return self._bounded and self._whole.may_use_tiles
+
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
+        reaching, needed = np.ones(len(documents), dtype=np.bool_), self._needed(name, documents, threshold)
+        tiles.may_reach(self._whole.tiles[name], documents, self._tiles, needed, reaching)
+        return reaching
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
         if not self._bounded:

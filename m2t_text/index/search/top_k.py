@@ -16,6 +16,9 @@ Part = TypeVar("Part")
 
 SHARES = 32  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
+SIEVED = 4096  # documents from which on a sieve is worth its tables
+SAMPLE, FEW = 16_384, 1024  # of them that are looked at to find what is needed, and what the sieve lets through
+LOOSE = 0.5  # share of them that a sieve lets through at most, if it is to be used
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
 
@@ -25,6 +28,13 @@ class Scorer(Protocol):
     @property
     def estimates_are_bounds(self) -> bool:
         """Whether `estimate` returns upper bounds already."""
+
+    @property
+    def sieves(self) -> bool:
+        """Whether `may_reach` leaves out documents, and is quick."""
+
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
+        """Which of the documents (K,) may have a score that reaches the threshold."""
 
     def estimate(self, name: str, documents: Documents) -> Floats:
         """A guess of the scores of documents (K,), which decides where to begin; it may be wrong."""
@@ -70,30 +80,49 @@ class TopK:
         Places count in the order in which the documents were given. Those without a match are left out. Exact:
         whatever else there is has a bound below ``top`` scores.
         """
-        every = np.arange(len(self._documents))
+        every, floor = self._sieved(top)
         estimate = _joined(self._each(self._scorer.estimate, every))
-        done = _largest(estimate, 2 * top)
+        likely = _largest(estimate, 2 * top)
+        done = every[likely]
         scores = self._scores(done, 0.0)
-        last = _last(scores, top)
+        last = max(floor, _last(scores, top))
         bounds = estimate
         if not self._scorer.estimates_are_bounds:
             bounds = _joined(self._each(self._scorer.bound, every, last))
-        bounds[done] = 0.0
-        rest = np.flatnonzero((bounds > 0) & (bounds >= last))
-        rest = rest[_descending(bounds[rest])]
+        bounds[likely] = 0.0
+        hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
+        hopeful = hopeful[_descending(bounds[hopeful])]
+        rest, bounds = every[hopeful], bounds[hopeful]
         size = len(done)
         while len(rest):
             # Batches grow: few of them, and what the first ones find spares a close look at the later ones.
-            batch, rest = np.split(rest, [size])
+            batch, rest, bounds = rest[:size], rest[size:], bounds[size:]
             size *= GROWTH
             tight = _joined(self._each(self._scorer.fine_bound, np.sort(batch), last))
             promising = np.sort(batch)[tight >= last]
             scores = Scores.joined([scores, self._scores(promising, last)])
             done = np.append(done, promising)
-            last = _last(scores, top)
-            rest = rest[bounds[rest] >= last]
+            last = max(floor, _last(scores, top))
+            rest, bounds = rest[bounds >= last], bounds[bounds >= last]
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
         return done[kept], scores[kept]
+
+    def _sieved(self, top: int) -> tuple[NDArray[np.int64], float]:
+        """The places of documents that may be among the ``top`` best, and a score that those reach.
+
+        What the best of a sample reach, others have to reach as well. Where the sieve would let most of them
+        through, all are left in.
+        """
+        every = np.arange(len(self._documents))
+        if len(every) < SIEVED or not self._scorer.sieves:
+            return every, 0.0
+        sample = every[:: -(-len(every) // SAMPLE)]
+        estimate = _joined(self._each(self._scorer.estimate, sample))
+        floor = _last(self._scores(sample[_largest(estimate, 2 * top)], 0.0), top)
+        few = sample[:: -(-len(sample) // FEW)]
+        if np.concatenate(self._each(self._scorer.may_reach, few, floor)).mean() > LOOSE:
+            return every, floor
+        return every[np.concatenate(self._each(self._scorer.may_reach, every, floor))], floor
 
     def _scores(self, places: NDArray[np.int64], threshold: float) -> Scores:
         order = np.argsort(places)

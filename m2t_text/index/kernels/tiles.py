@@ -1,0 +1,257 @@
+"""A bound of the agreement that costs a tenth of the others: maps and query on tiles of six by six cells.
+
+The offsets of the viewpoints, -11 to 12 in x and in y, fall into four by four groups of six by six. In each
+group a map's keypoint may lie near one of the query's only if its tile holds a cell that one of the query's
+comes near; and a keypoint of the query near one of the map's only if a keypoint of the map lies in the thirteen
+by thirteen cells from the tile on where the least offset of the group takes it. The first is looked up tile by
+tile of the map, in masks made of the query; the second in bits made of the map. All groups and four views
+are counted at once, a lane each; see `wide`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from m2t_text.index.kernels.bound_tables import FIRST, WINDOW
+from m2t_text.index.kernels.packed import Texts
+from m2t_text.index.kernels.unpacking import cells_of
+from m2t_text.index.kernels.views import Views
+from m2t_text.index.kernels.wide import (
+    LANES,
+    added,
+    any_reaches,
+    any_up_to,
+    bytes_at,
+    every_byte,
+    numbers_at,
+)
+from m2t_text.util.compiling import inner, kernel
+
+U = np.uint64
+TILE = 6  # cells, and offsets in a group
+SIDE, MIDDLE = 32, 16  # tiles of the grid about the viewpoint
+GROUPS = 4  # of offsets in x, and in y
+BEFORE = 2  # tiles from where a keypoint of the query lies to where the first group begins to take it
+VIEWS = LANES // (GROUPS * GROUPS)
+FULL = 64  # keypoints that an entry counts at most
+STOP = 16  # entries between two looks at whether a map can still reach what is needed
+MOST = 20_000  # keypoints of a map and a query together: their counts are numbers of 16 bits
+
+assert FIRST == -BEFORE * TILE + 1 and FIRST + GROUPS * TILE > WINDOW + 1
+
+
+class Tiles(NamedTuple):
+    """The maps of a segment on tiles.
+
+    Attributes:
+        starts: (D + 1,) where each map's entries begin.
+        entries: (T,) uint16 tile * 64 + keypoints in it - 1; those with most keypoints first.
+        sizes: (D,) int32 keypoints of each map, also those outside the grid.
+        cover: (D, SIDE) uint32: whether there is a keypoint in the thirteen by thirteen cells from a tile on;
+            bit y of row x.
+    """
+
+    starts: NDArray[np.int64]
+    entries: NDArray[np.uint16]
+    sizes: NDArray[np.int32]
+    cover: NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, texts: Texts, first: int, last: int) -> "Tiles":
+        """Of the documents first...last of a segment, which are numbered from 0 on here."""
+        documents = np.arange(first, last)
+        room = int(texts.starts[last] - texts.starts[first])
+        largest, count = texts.largest(documents), len(documents)
+        entries, lengths = np.empty(room, np.uint16), np.zeros(count, np.int64)
+        sizes, cover = np.zeros(count, np.int32), np.zeros((count, SIDE), np.uint32)
+        x, y = np.empty((2, largest), np.int32)
+        _fill(texts, documents, x, y, np.zeros(SIDE * SIDE, np.int32), entries, lengths, sizes, cover)
+        starts = np.append(0, np.cumsum(lengths))
+        return cls(starts, entries[: starts[-1]].copy(), sizes, cover)
+
+    @classmethod
+    def joined(cls, parts: "list[Tiles]") -> "Tiles":
+        """Those of all parts, one after the other."""
+        begins = np.cumsum([0, *(part.starts[-1] for part in parts)])
+        starts = [part.starts[:-1] + begin for part, begin in zip(parts, begins[:-1], strict=True)]
+        rest = (np.concatenate([getattr(part, name) for part in parts]) for name in cls._fields[1:])
+        return cls(np.concatenate([*starts, begins[-1:]]), *rest)
+
+
+class TileTables(NamedTuple):
+    """A query on tiles; its views lie in the lanes of G groups.
+
+    Attributes:
+        size: number of the query's keypoints.
+        missed: (G, SIDE², LANES) uint8, 255 where a map's keypoints in a tile lie near none of the query's.
+        counts: (G, SIDE² + 1, LANES) uint16 keypoints of the query that lie near one of the map's if the bit of
+            a tile is set; at the end, of those for which no bit is kept.
+    """
+
+    size: int
+    missed: NDArray[np.uint8]
+    counts: NDArray[np.uint16]
+
+    @classmethod
+    def of(cls, seen: Views) -> "TileTables":
+        """Of a query with keypoints."""
+        groups = [slice(v, v + VIEWS) for v in range(0, len(seen.wx), VIEWS)]
+        tables = [_tables(seen.wx[group], seen.wy[group]) for group in groups]
+        return cls(len(seen.wa), *(np.stack(parts) for parts in zip(*tables, strict=True)))
+
+
+def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+    """``missed`` and ``counts`` of up to VIEWS views (V, Q)."""
+    reach = SIDE + GROUPS - 1  # tiles that any group takes into the grid, from `low` on
+    low = -MIDDLE - (GROUPS - 1) + BEFORE
+    near = np.zeros((VIEWS, reach, reach), np.bool_)
+    count = np.zeros((VIEWS, reach, reach), np.int64)
+    number = np.broadcast_to(np.arange(len(x))[:, None], x.shape)
+    i, j = x // TILE - low, y // TILE - low
+    inside = (i >= 0) & (i < reach) & (j >= 0) & (j < reach)
+    np.add.at(count, (number[inside], i[inside], j[inside]), 1)
+    # A keypoint q may lie near one in the tiles a with 6 a - 7 <= q <= 6 a + 5, before the group moves them:
+    # two or three in x, and in y.
+    for across in range(3):
+        a = -((5 - x) // TILE) + across
+        for along in range(3):
+            b = -((5 - y) // TILE) + along
+            near_to = (TILE * a - 7 <= x) & (TILE * b - 7 <= y)
+            a_, b_ = a - low, b - low
+            inside = near_to & (a_ >= 0) & (a_ < reach) & (b_ >= 0) & (b_ < reach)
+            near[number[inside], a_[inside], b_[inside]] = True
+    missed = np.where(_by_group(near), 0, 255).astype(np.uint8)
+    counts = _by_group(count)
+    rest = x.shape[1] - counts.sum(axis=0)
+    rest[len(x) * GROUPS * GROUPS :] = 0  # lanes without a view
+    counts[:, len(x) * GROUPS * GROUPS :] = 0
+    return missed, np.concatenate([counts, rest[None]]).astype(np.uint16)
+
+
+def _by_group(table: NDArray[Any]) -> NDArray[Any]:
+    """(SIDE², LANES) of a table (VIEWS, SIDE + 3, SIDE + 3): where each group of offsets moves it to."""
+    moved = [
+        table[:, GROUPS - 1 - g : GROUPS - 1 - g + SIDE, GROUPS - 1 - h : GROUPS - 1 - h + SIDE]
+        for g in range(GROUPS)
+        for h in range(GROUPS)
+    ]
+    return np.stack(moved, axis=1).reshape(LANES, SIDE * SIDE).T.copy()
+
+
+@kernel
+def _fill(
+    texts: Any, documents: Any, x: Any, y: Any, count: Any, entries: Any, lengths: Any, sizes: Any, cover: Any
+) -> None:
+    """Fills the fields of `Tiles`, with the lengths (D,) of entries in place of where they start.
+
+    ``x``, ``y`` (N,) and ``count`` (SIDE²,), which is 0 at first, are room to work in.
+    """
+    kept: Any = U(0)
+    for k in range(len(documents)):
+        size = cells_of(texts, documents[k], x, y)
+        begin = kept
+        for point in range(U(size)):
+            i, j = np.int64(x[point]), np.int64(y[point])
+            tile_x, tile_y = i // TILE + MIDDLE, j // TILE + MIDDLE
+            _cover(cover[k], i, j, tile_x, tile_y)
+            if 0 <= tile_x < SIDE and 0 <= tile_y < SIDE:
+                tile = U(tile_x * SIDE + tile_y)
+                if count[tile] == 0:
+                    entries[kept] = tile
+                    kept += U(1)
+                count[tile] += 1
+        _order(entries, begin, kept, count)
+        lengths[k], sizes[k] = kept - begin, size
+
+
+@inner
+def _cover(rows: Any, x: Any, y: Any, tile_x: Any, tile_y: Any) -> None:
+    """Sets the bits of the tiles from which on a cell lies in thirteen by thirteen: two or three in x and y."""
+    bits = np.int64(0)
+    for b in range(max(tile_y - (2 if y % TILE == 0 else 1), 0), min(tile_y + 1, SIDE)):
+        bits |= np.int64(1) << b
+    for a in range(max(tile_x - (2 if x % TILE == 0 else 1), 0), min(tile_x + 1, SIDE)):
+        rows[a] |= np.uint32(bits)
+
+
+@inner
+def _order(entries: Any, begin: Any, end: Any, count: Any) -> None:
+    """Makes entries of tiles, those with most keypoints first, and clears the counts.
+
+    Tiles with more keypoints than an entry counts are cut to that: the rest lie near one of the query's.
+    """
+    for k in range(begin, end):
+        tile = U(entries[k])
+        entries[k] = tile * U(FULL) + U(min(count[tile], FULL) - 1)
+        count[tile] = 0
+        place: Any = k
+        one = entries[k]
+        while place > begin and (entries[place - U(1)] & U(63)) < (one & U(63)):
+            entries[place] = entries[place - U(1)]
+            place -= U(1)
+        entries[place] = one
+
+
+@kernel
+def may_reach(tiles: Any, documents: Any, tables: Any, needed: Any, result: Any) -> None:
+    """Writes whether documents (K,) may have |Q'| + |M'| >= ``needed`` (K,) to ``result`` (K,) bool."""
+    for k in range(len(documents)):
+        document = documents[k]
+        size = np.int64(tiles.sizes[document])
+        spare = size + tables.size - needed[k]  # keypoints that may be missed
+        shift = U(0) if spare < 255 else U(1)
+        if size + tables.size > MOST or spare >= 510:
+            result[k] = True
+        elif spare < 0:
+            result[k] = False
+        else:
+            result[k] = False
+            for g in range(U(len(tables.missed))):
+                if _group_may_reach(tiles, document, size, tables, g, shift, U(spare), np.int64(needed[k])):
+                    result[k] = True
+                    break
+
+
+@inner
+def _group_may_reach(
+    tiles: Any, document: Any, size: Any, tables: Any, g: Any, shift: Any, spare: Any, needed: Any
+) -> Any:
+    missed, entries = every_byte(U(0)), tiles.entries
+    place, end = U(tiles.starts[document]), U(tiles.starts[document + 1])
+    table, limit = tables.missed[g], spare >> shift
+    while place < end:
+        stop = min(place + U(STOP), end)
+        while place < stop:
+            entry = U(entries[place])
+            keypoints = every_byte(((entry & U(63)) + U(1)) >> shift)
+            missed = added(missed, keypoints & bytes_at(table, entry >> U(6)))
+            place += U(1)
+        if not any_up_to(missed, limit):
+            return False
+    counts, rows = tables.counts[g], tiles.cover[document]
+    covered = numbers_at(counts, U(SIDE * SIDE))
+    for row in range(U(SIDE)):
+        bits = U(rows[row])
+        while bits:
+            bit = bits & (~bits + U(1))
+            covered = covered + numbers_at(counts, row * U(SIDE) + _number(bit))
+            bits ^= bit
+    return any_reaches(covered, missed, shift, needed - size)
+
+
+@inner
+def _number(bit: Any) -> Any:
+    """Which bit of 32 is set."""
+    number = U(0)
+    if bit & U(0xFFFF0000):
+        number |= U(16)
+    if bit & U(0xFF00FF00):
+        number |= U(8)
+    if bit & U(0xF0F0F0F0):
+        number |= U(4)
+    if bit & U(0xCCCCCCCC):
+        number |= U(2)
+    if bit & U(0xAAAAAAAA):
+        number |= U(1)
+    return number

@@ -1,0 +1,89 @@
+"""The quick bound: no map that reaches what is needed is left out, by its definition and against scores."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from map_oracle import random_text
+
+from m2t_text.description.text import Text
+from m2t_text.index.kernels import agreement
+from m2t_text.index.kernels.packed import Texts
+from m2t_text.index.kernels.tiles import FULL, MIDDLE, SIDE, TILE, Tiles, TileTables, may_reach
+from m2t_text.index.kernels.views import views
+
+
+def reaching(query: Text, maps: list[Text], turns: tuple[int, ...], directions: int, more: int):
+    """The true |Q'| + |M'| of each map, and whether the sieve lets it through if so much and more is needed."""
+    texts, documents, seen = Texts.of(maps), np.arange(len(maps)), views(query, turns, directions)
+    both, matched = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
+    found, through = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.bool_)
+    agreement.agree(texts, documents, agreement.AgreementTables.of(seen, 10), both, matched, found)
+    tiles = Tiles.of(texts, 0, len(maps))
+    may_reach(tiles, documents, TileTables.of(seen), (both + more).astype(np.int32), through)
+    return both, through
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([3, 30, 90, 200]),
+    st.sampled_from([(0,), (0, 1, 2, 3)]),
+    st.sampled_from([1, 3]),
+)
+def test_what_reaches_is_let_through(seed, span, turns, directions):
+    rng = np.random.default_rng(seed)
+    query = random_text(rng, int(rng.integers(1, 300)), span=span, words=5)
+    copies = [query.turned(k).moved([*rng.uniform(-1.1, 1.1, 2), 0.0], 0.1) for k in range(4)]
+    maps = copies + [random_text(rng, int(rng.integers(0, 300)), span=span, words=5) for _ in range(8)]
+    both, through = reaching(query, maps, turns, directions, 0)
+    assert through.all() or not both[~through].any()
+
+
+def test_what_cannot_reach_is_left_out():
+    along = np.arange(40)
+    query = Text.of(along, 0 * along, along % 5)
+    across = Text.of(0 * along, along, along % 5)
+    copy, far = query.moved([0.3, -0.5, 0.0], 0.1), query.moved([0.0, 6.0, 0.0], 0.1)
+    both, through = reaching(query, [copy, across, far], (0,), 1, 0)
+    assert both[0] == 80 and through[0]
+    assert not reaching(query, [copy], (0,), 1, 1)[1].any()  # more keypoints than there are
+    tiles, needed = Tiles.of(Texts.of([copy, across, far]), 0, 3), np.full(3, 60, np.int32)
+    may_reach(tiles, np.arange(3), TileTables.of(views(query, (0,), 1)), needed, through)
+    assert through.tolist() == [True, False, False]
+    assert reaching(query, [across], (0, 1), 1, 0)[1].all()  # turned it is the same
+
+
+def test_tiles_by_their_definition():
+    text = random_text(np.random.default_rng(0), 250, span=110, words=3)
+    tiles = Tiles.of(Texts.of([Text.of([], [], []), text]), 0, 2)
+    x, y = text.wx.astype(int), text.wy.astype(int)
+    a, b = x // TILE + MIDDLE, y // TILE + MIDDLE
+    inside = (a >= 0) & (a < SIDE) & (b >= 0) & (b < SIDE)
+    assert 0 < inside.sum() < 250
+    counts = np.bincount(a[inside] * SIDE + b[inside], minlength=SIDE * SIDE)
+    entries = tiles.entries.astype(int)
+    assert tiles.starts.tolist() == [0, 0, (counts > 0).sum()] and tiles.sizes.tolist() == [0, 250]
+    assert dict(zip(entries // FULL, entries % FULL + 1, strict=True)) == {
+        int(tile): counts[tile] for tile in np.flatnonzero(counts)
+    }
+    assert (np.diff(entries % FULL) <= 0).all()
+    for row in range(SIDE):
+        for column in range(SIDE):
+            low_x, low_y = TILE * (row - MIDDLE), TILE * (column - MIDDLE)
+            taken = (x >= low_x) & (x <= low_x + 12) & (y >= low_y) & (y <= low_y + 12)
+            assert bool(tiles.cover[1, row] >> column & 1) == taken.any()
+
+
+def test_tiles_made_in_parts_are_those_of_the_whole():
+    rng = np.random.default_rng(1)
+    texts = Texts.of([random_text(rng, int(rng.integers(0, 80)), span=60) for _ in range(30)])
+    parts = Tiles.joined([Tiles.of(texts, 0, 11), Tiles.of(texts, 11, 12), Tiles.of(texts, 12, 30)])
+    for part, whole in zip(parts, Tiles.of(texts, 0, 30), strict=True):
+        assert np.array_equal(part, whole)
+
+
+def test_many_keypoints_in_a_tile_or_in_all_are_let_through_rather_than_counted_wrong():
+    many = Text.of(np.zeros(900), np.zeros(900), np.zeros(900))
+    huge = Text.of(np.arange(30_000) % 200 - 100, np.arange(30_000) // 200 - 75, np.zeros(30_000))
+    for query, found in ((many, many), (many, huge), (huge, many)):
+        assert reaching(query, [found], (0,), 1, 0)[1].all()

@@ -109,5 +109,6 @@ STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
         partial(_score, "intersection", "score"),
         lambda: BagScorer(_text(), _whole(), weighted=False).score("", np.arange(2)),
     ),
+    Group.SIEVING: (partial(_score, "agreement", "may_reach", 0.5),),
     Group.VERIFICATION: (lambda: align(_text(), [_text()], 0.1),),
 }

@@ -61,7 +61,7 @@ def test_a_group_is_compiled_once_and_progress_is_told(kernels):
     assert missing([Group.AGREEMENT]) == [Group.AGREEMENT]
     compile_once(Group.AGREEMENT, steps, told.append)
     assert ran == [1, 2] and told == [0, 1, 2, 2]
-    assert missing(Group) == [Group.DESCRIBING, Group.INTERSECTION, Group.VERIFICATION]
+    assert Group.AGREEMENT not in missing(Group) and len(missing(Group)) == len(Group) - 1
     compile_once(Group.AGREEMENT, steps, told.append)
     assert ran == [1, 2]
 

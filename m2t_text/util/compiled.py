@@ -24,6 +24,7 @@ class Group(StrEnum):
     AGREEMENT = "agreement"
     INTERSECTION = "intersection"
     VERIFICATION = "verification"
+    SIEVING = "sieving"  # from the second search of a process on, among many maps
 
     @classmethod
     def of_search(cls, score: str) -> "list[Group]":

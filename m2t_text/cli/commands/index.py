@@ -123,7 +123,7 @@ def index(
     from m2t_text.util.compiled import Group
 
     parameters = parameters_of(profile or "default")
-    compile_beside(Group.of_search(parameters.matching.score))
+    compile_beside([*Group.of_search(parameters.matching.score), Group.SIEVING])
     compile_first([Group.DESCRIBING])
     with bars() as progress:
         report = index_sources(Request(sources, index, profile, cores(jobs), reading), progress)

@@ -16,7 +16,7 @@ def warm_up(
         list[str] | None,
         typer.Argument(
             metavar="PURPOSE",
-            help="describing, agreement, intersection or verification.",
+            help="describing, agreement, intersection, verification or sieving.",
             show_default="all",
         ),
     ] = None,

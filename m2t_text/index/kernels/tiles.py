@@ -24,6 +24,7 @@ from m2t_text.index.kernels.wide import (
     any_up_to,
     bytes_at,
     every_byte,
+    lowest,
     numbers_at,
 )
 from m2t_text.util.compiling import inner, kernel
@@ -36,6 +37,8 @@ BEFORE = 2  # tiles from where a keypoint of the query lies to where the first g
 VIEWS = LANES // (GROUPS * GROUPS)
 FULL = 64  # keypoints that an entry counts at most
 STOP = 16  # entries between two looks at whether a map can still reach what is needed
+ORIGIN = 6000 * TILE  # cells, added to make those of any map positive
+BEYOND = ORIGIN // TILE - MIDDLE  # tiles from where they begin to the grid
 MOST = 20_000  # keypoints of a map and a query together: their counts are numbers of 16 bits
 
 assert FIRST == -BEFORE * TILE + 1 and FIRST + GROUPS * TILE > WINDOW + 1
@@ -65,8 +68,7 @@ class Tiles(NamedTuple):
         largest, count = texts.largest(documents), len(documents)
         entries, lengths = np.empty(room, np.uint16), np.zeros(count, np.int64)
         sizes, cover = np.zeros(count, np.int32), np.zeros((count, SIDE), np.uint32)
-        x, y = np.empty((2, largest), np.int32)
-        _fill(texts, documents, x, y, np.zeros(SIDE * SIDE, np.int32), entries, lengths, sizes, cover)
+        _fill(texts, documents, Room.of(largest), entries, lengths, sizes, cover)
         starts = np.append(0, np.cumsum(lengths))
         return cls(starts, entries[: starts[-1]].copy(), sizes, cover)
 
@@ -139,58 +141,78 @@ def _by_group(table: NDArray[Any]) -> NDArray[Any]:
     return np.stack(moved, axis=1).reshape(LANES, SIDE * SIDE).T.copy()
 
 
-@kernel
-def _fill(
-    texts: Any, documents: Any, x: Any, y: Any, count: Any, entries: Any, lengths: Any, sizes: Any, cover: Any
-) -> None:
-    """Fills the fields of `Tiles`, with the lengths (D,) of entries in place of where they start.
+class Room(NamedTuple):
+    """What tiles are made in.
 
-    ``x``, ``y`` (N,) and ``count`` (SIDE²,), which is 0 at first, are room to work in.
+    Attributes:
+        x, y: (N,) int32 cells of a map.
+        keypoints: (SIDE²,) in each tile, 0 between two maps.
+        places, ordered: see `_order`.
     """
+
+    x: NDArray[np.int32]
+    y: NDArray[np.int32]
+    keypoints: NDArray[np.int64]
+    places: NDArray[np.int64]
+    ordered: NDArray[np.uint16]
+
+    @classmethod
+    def of(cls, size: int) -> "Room":
+        """Enough for maps of so many keypoints."""
+        x, y = np.empty((2, size), np.int32)
+        tiles, places = np.zeros(SIDE * SIDE, np.int64), np.zeros(FULL + 1, np.int64)
+        return cls(x, y, tiles, places, np.empty(SIDE * SIDE, np.uint16))
+
+
+@kernel
+def _fill(texts: Any, documents: Any, room: Any, entries: Any, lengths: Any, sizes: Any, cover: Any) -> None:
+    """Fills the fields of `Tiles`, with the lengths (D,) of entries in place of where they start."""
+    x, y, keypoints, places, ordered = room
     kept: Any = U(0)
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], x, y)
-        begin = kept
+        begin, rows = kept, cover[k]
         for point in range(U(size)):
-            i, j = np.int64(x[point]), np.int64(y[point])
-            tile_x, tile_y = i // TILE + MIDDLE, j // TILE + MIDDLE
-            _cover(cover[k], i, j, tile_x, tile_y)
-            if 0 <= tile_x < SIDE and 0 <= tile_y < SIDE:
-                tile = U(tile_x * SIDE + tile_y)
-                if count[tile] == 0:
+            i, j = np.uint32(x[point] + ORIGIN), np.uint32(y[point] + ORIGIN)
+            tile_x, tile_y = np.uint32(i // np.uint32(TILE)), np.uint32(j // np.uint32(TILE))
+            first_x, first_y = i == tile_x * np.uint32(TILE), j == tile_y * np.uint32(TILE)
+            row: Any = np.int64(tile_x) - BEYOND
+            column: Any = np.int64(tile_y) - BEYOND
+            if -1 < column < SIDE + 2:  # it lies in the cells from two or three tiles on
+                bits = (U(7) << U(column + 2) if first_y else U(3) << U(column + 3)) >> U(4)
+                for a in range(max(row - (2 if first_x else 1), 0), min(row + 1, SIDE)):
+                    rows[a] |= np.uint32(bits)
+            if -1 < row < SIDE and -1 < column < SIDE:
+                tile = row * SIDE + column
+                if keypoints[tile] == 0:
                     entries[kept] = tile
                     kept += U(1)
-                count[tile] += 1
-        _order(entries, begin, kept, count)
+                keypoints[tile] += 1
+        _order(entries, begin, kept, keypoints, places, ordered)
         lengths[k], sizes[k] = kept - begin, size
 
 
 @inner
-def _cover(rows: Any, x: Any, y: Any, tile_x: Any, tile_y: Any) -> None:
-    """Sets the bits of the tiles from which on a cell lies in thirteen by thirteen: two or three in x and y."""
-    bits = np.int64(0)
-    for b in range(max(tile_y - (2 if y % TILE == 0 else 1), 0), min(tile_y + 1, SIDE)):
-        bits |= np.int64(1) << b
-    for a in range(max(tile_x - (2 if x % TILE == 0 else 1), 0), min(tile_x + 1, SIDE)):
-        rows[a] |= np.uint32(bits)
-
-
-@inner
-def _order(entries: Any, begin: Any, end: Any, count: Any) -> None:
+def _order(entries: Any, begin: Any, end: Any, count: Any, places: Any, ordered: Any) -> None:
     """Makes entries of tiles, those with most keypoints first, and clears the counts.
 
-    Tiles with more keypoints than an entry counts are cut to that: the rest lie near one of the query's.
+    Tiles with more keypoints than an entry counts are cut to that: the rest lie near one of the query's. The
+    ``places`` (FULL + 1,) int64 and ``ordered`` (SIDE²,) uint16 are room to work in.
     """
+    for keypoints in range(FULL + 1):
+        places[keypoints] = 0
+    for k in range(begin, end):
+        places[FULL - min(count[entries[k]], FULL) + 1] += 1  # behind which place those with fewer begin
+    for keypoints in range(FULL):
+        places[keypoints + 1] += places[keypoints]
     for k in range(begin, end):
         tile = U(entries[k])
-        entries[k] = tile * U(FULL) + U(min(count[tile], FULL) - 1)
+        keypoints = min(count[tile], FULL)
+        ordered[places[FULL - keypoints]] = tile * U(FULL) + U(keypoints - 1)
+        places[FULL - keypoints] += 1
         count[tile] = 0
-        place: Any = k
-        one = entries[k]
-        while place > begin and (entries[place - U(1)] & U(63)) < (one & U(63)):
-            entries[place] = entries[place - U(1)]
-            place -= U(1)
-        entries[place] = one
+    for k in range(begin, end):
+        entries[k] = ordered[k - begin]
 
 
 @kernel
@@ -234,24 +256,6 @@ def _group_may_reach(
     for row in range(U(SIDE)):
         bits = U(rows[row])
         while bits:
-            bit = bits & (~bits + U(1))
-            covered = covered + numbers_at(counts, row * U(SIDE) + _number(bit))
-            bits ^= bit
+            covered = covered + numbers_at(counts, row * U(SIDE) + lowest(bits))
+            bits &= bits - U(1)
     return any_reaches(covered, missed, shift, needed - size)
-
-
-@inner
-def _number(bit: Any) -> Any:
-    """Which bit of 32 is set."""
-    number = U(0)
-    if bit & U(0xFFFF0000):
-        number |= U(16)
-    if bit & U(0xFF00FF00):
-        number |= U(8)
-    if bit & U(0xF0F0F0F0):
-        number |= U(4)
-    if bit & U(0xCCCCCCCC):
-        number |= U(2)
-    if bit & U(0xAAAAAAAA):
-        number |= U(1)
-    return number

@@ -147,3 +147,13 @@ def any_reaches(typing: Any, covered: Any, missed: Any, shift: Any, needed: Any)
         return builder.icmp_unsigned("!=", builder.bitcast(found, whole), whole(0))
 
     return types.boolean(wide_numbers, wide_bytes, types.uint64, types.int64), compare
+
+
+@intrinsic
+def lowest(typing: Any, bits: Any) -> Any:
+    """The number of the lowest bit that is set; one must be."""
+
+    def count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.IntType(1)(1))
+
+    return types.uint64(types.uint64), count

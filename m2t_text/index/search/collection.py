@@ -18,6 +18,7 @@ from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.tiles import Tiles
 from m2t_text.util.workers import cores
 
+ALONE = 3  # searches without tiles before they are made
 CHUNK = 4096  # maps whose tiles are made together
 GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
 
@@ -67,8 +68,8 @@ class Collection:
 
     @property
     def may_use_tiles(self) -> bool:
-        """Whether this is not the first search of these maps: to make the tiles takes as long as one."""
-        return next(self._searches) > 0
+        """Whether these maps have been searched more than ALONE times: making the tiles takes as long as a few."""
+        return next(self._searches) >= ALONE
 
     @cached_property
     def tiles(self) -> dict[str, Tiles]:

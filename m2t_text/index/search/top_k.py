@@ -16,8 +16,9 @@ Part = TypeVar("Part")
 
 SHARES = 32  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
-SIEVED = 4096  # documents from which on a sieve is worth its tables
-SAMPLE, FEW = 16_384, 1024  # of them that are looked at to find what is needed, and what the sieve lets through
+SIEVED = 32_768  # documents from which on a sieve is worth its tables
+SAMPLE, EIGHTH = 16_384, 8  # of them, at most, and every eighth are looked at to find what is needed,
+FEW = 1024  # and of these so many to find what the sieve lets through
 LOOSE = 0.5  # share of them that a sieve lets through at most, if it is to be used
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
@@ -116,7 +117,7 @@ class TopK:
         every = np.arange(len(self._documents))
         if len(every) < SIEVED or not self._scorer.sieves:
             return every, 0.0
-        sample = every[:: -(-len(every) // SAMPLE)]
+        sample = every[:: max(EIGHTH, -(-len(every) // SAMPLE))]
         estimate = _joined(self._each(self._scorer.estimate, sample))
         floor = _last(self._scores(sample[_largest(estimate, 2 * top)], 0.0), top)
         few = sample[:: -(-len(sample) // FEW)]

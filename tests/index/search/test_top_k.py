@@ -14,7 +14,7 @@ from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.views import views
 from m2t_text.index.map_index import MapIndex
-from m2t_text.index.search import top_k
+from m2t_text.index.search import collection, top_k
 
 U = np.uint64
 
@@ -157,9 +157,10 @@ def test_lanes_are_four_words():
 @pytest.mark.parametrize("weighted", [True, False])
 @pytest.mark.parametrize("loose", [0.0, 1.0])
 def test_the_best_are_the_first_of_all(tmp_path, monkeypatch, score, weighted, loose):
-    """Also with ties, which go by the map's id, and across segments with deletions; sieved or not."""
-    for name, value in {"SIEVED": 2, "SAMPLE": 40, "FEW": 10, "LOOSE": loose}.items():
+    """Also with ties, which go by the map id, and across segments with deletions; sieved or not."""
+    for name, value in {"SIEVED": 2, "SAMPLE": 40, "EIGHTH": 2, "FEW": 10, "LOOSE": loose}.items():
         monkeypatch.setattr(top_k, name, value)
+    monkeypatch.setattr(collection, "ALONE", 2)
     rng = np.random.default_rng(3)
     parameters = Parameters(matching=MatchingParameters(score=score, weighted=weighted))
     index = MapIndex.create(tmp_path / "index", parameters)

@@ -68,7 +68,7 @@ class Collection:
 
     @property
     def may_use_tiles(self) -> bool:
-        """Whether these maps have been searched more than ALONE times: making the tiles takes as long as a few."""
+        """Whether these maps have been searched ALONE times: making tiles takes as long as a few searches."""
         return next(self._searches) >= ALONE
 
     @cached_property

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test web-test ros-test web-bench live-bench stress fuzz bench loops slam-bench lint docs clean
+.PHONY: help demo test web-test ros-test web-bench live-bench stress fuzz bench loops slam-bench lint docs docs-check notebooks clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -71,6 +71,15 @@ lint: $(VENV)/.installed-lint  ## ruff, mypy and the layers of the package
 
 docs: $(VENV)/.installed-docs  ## the site, in site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# UPDATE=1 writes what is stale anew, CHEAP=1 leaves out what takes long, PAGES="README.md docs/loops.md" picks some.
+docs-check: $(VENV)/.installed-test  ## whether README and docs show what the commands print
+	$(BIN)/python tests/docs_check.py $(if $(UPDATE),--update) $(if $(CHEAP),--cheap) $(PAGES)
+
+# The logs that they fetch are downloaded once.
+notebooks: $(VENV)/.installed-docs $(VENV)/.installed-test  ## run the notebooks, and keep what they show
+	$(BIN)/python -m nbconvert --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \
+	  --ExecutePreprocessor.timeout=900 notebooks/*.ipynb
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

@@ -8,7 +8,6 @@ import posixpath
 import re
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,20 +34,28 @@ ORDER = (
 )  # then others
 LINK = re.compile(r"(?<=\]\()(?!#|[a-z]+:)([^)#\s]+)")  # relative targets, without their anchors
 WIDTH = 100  # columns of a command's help
-SECONDS = 600  # that a notebook may take
+SHIM = "assets/iframe-worker.js"
 
 
 def on_config(config: "MkDocsConfig") -> None:
     """Navigation: first what to do, then how it works, then what to look up."""
-    pages = {path.stem: path.name for path in sorted((ROOT / "docs").glob("*.md")) if path.stem != "api"}
+    pages = {path.stem: path.name for path in sorted((ROOT / "docs").glob("*.md"))}
+    looked_up = [
+        {"Command line": "cli.md"},
+        {"Python": pages.pop("api")},
+        {"Python reference": pages.pop("reference")},
+    ]
     ordered = [pages.pop(name) for name in ORDER if name in pages] + list(pages.values())
     notebooks = [f"notebooks/{path.stem}.md" for path in NOTEBOOKS]
     config.nav = [
         "index.md",
         {"Guides": ordered},
         {"Notebooks": notebooks},
-        {"Reference": [{"Command line": "cli.md"}, {"Python": "api.md"}]},
+        {"Reference": looked_up},
     ]
+    # Browsers refuse workers to pages from disk. The theme would ask a server elsewhere for a script that
+    # helps, were there none of that name here.
+    config.extra["polyfills"] = [SHIM]
 
 
 def on_files(files: "Files", config: "MkDocsConfig") -> None:
@@ -60,7 +67,7 @@ def on_files(files: "Files", config: "MkDocsConfig") -> None:
         "cli.md": command_line(),
     }
     for path in NOTEBOOKS:
-        made |= executed(path)
+        made |= notebook(path)
     for name, content in made.items():
         files.append(File.generated(config, name, content=content))
 
@@ -123,18 +130,15 @@ def shown_help(*command: str) -> str:
     return "\n".join(line.rstrip() for line in done.stdout.splitlines()).strip()
 
 
-def executed(path: Path) -> dict[str, Any]:
-    """A notebook that has run, as Markdown, and its pictures."""
+def notebook(path: Path) -> dict[str, Any]:
+    """A notebook as Markdown, with what it showed when it last ran, and its pictures."""
     import nbformat
-    from nbclient import NotebookClient
     from nbconvert import MarkdownExporter
 
-    notebook = nbformat.read(path, as_version=4)
-    with tempfile.TemporaryDirectory() as folder:
-        resources = {"metadata": {"path": folder}}
-        NotebookClient(notebook, timeout=SECONDS, kernel_name="python3", resources=resources).execute()
     pictures = f"{path.stem}_files"
-    body, resources = MarkdownExporter().from_notebook_node(notebook, {"output_files_dir": pictures})
+    body, resources = MarkdownExporter().from_notebook_node(
+        nbformat.read(path, as_version=4), {"output_files_dir": pictures}
+    )
     return {f"notebooks/{path.stem}.md": body} | {
         f"notebooks/{name}": content for name, content in resources["outputs"].items()
     }

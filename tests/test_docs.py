@@ -100,10 +100,29 @@ def test_help_is_shown_as_in_a_terminal(hooks: ModuleType) -> None:
     assert "\x1b" not in shown and max(map(len, shown.splitlines())) <= hooks.WIDTH
 
 
-def test_the_navigation_has_every_page(hooks: ModuleType) -> None:
-    class Config:
-        nav: list[object]
+class Config:
+    """Of MkDocs, what the hooks change."""
 
+    def __init__(self) -> None:
+        self.nav: list[object] = []
+        self.extra: dict[str, object] = {}
+
+
+def test_nothing_is_loaded_from_elsewhere(hooks: ModuleType) -> None:
+    """The offline plugin adds the address of a server, if no script is called so."""
+    config = Config()
+    hooks.on_config(config)
+    (script,) = config.extra["polyfills"]
+    assert "iframe-worker" in script and (ROOT / "docs" / script).is_file()
+    written = [path.read_text(encoding="utf-8") for path in PAGES]
+    assert not any(re.search(r"<script|<link|!\[[^]]*\]\(https?:", text) for text in written)
+
+
+def test_no_page_links_to_a_package_registry() -> None:
+    assert not any(re.search(r"pypi\.org|npmjs|anaconda\.org", path.read_text()) for path in PAGES)
+
+
+def test_the_navigation_has_every_page(hooks: ModuleType) -> None:
     config = Config()
     hooks.on_config(config)
     shown = re.findall(r"'([^']*\.md)'", str(config.nav))

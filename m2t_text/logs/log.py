@@ -53,8 +53,10 @@ class Scan:
 
         Args:
             ranges: (B,) metres; no returns are those not finite, below ``range_min``, or at ``range_max``.
-            angle_min, angle_increment: radians of the first beam, and from each to the next; may be negative.
-            range_min, range_max: metres; 0 where the laser says nothing.
+            angle_min: radians of the first beam.
+            angle_increment: radians from each beam to the next; may be negative.
+            range_min: metres; 0 where the laser says nothing.
+            range_max: metres; 0 where the laser says nothing.
             odometry: (3,) of the robot when the scan was taken.
             upside_down: whether the laser hangs so, which mirrors the beams.
 

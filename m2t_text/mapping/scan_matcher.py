@@ -22,7 +22,7 @@ HELD = (0.005, 0.015)  # share of walls across a direction below which nothing h
 # Without wheels, the last motion is the guess for the next:
 SURPRISE = np.array([0.5, 0.4])  # m and rad by which that errs, before anything is known of the drive;
 MEMORY = 30  # scans over which it is learnt how much,
-LEAST = np.array([0.03, 0.02])  # m and rad; no less than this,
+LEAST = np.array([0.2, 0.1])  # m and rad; no less than this, or a change of speed is missed,
 TRUSTED = 2.0  # times that is its standard deviation;
 LOST = 0.5  # share of inliers below which a wider search is tried,
 WIDER, CLEARLY = 3.0, 0.1  # so many times as wide, and taken if so many more fit
@@ -96,7 +96,6 @@ class ScanMatcher:
         if inliers < LOST:
             wide, more = _found(seen, cloud, WIDER * np.maximum(sigma, SURPRISE))
             shift = wide if more > inliers + CLEARLY else shift
-        shift = _as_held(seen, cloud, shift)
         error = np.array([shift[0] ** 2 + shift[1] ** 2, shift[2] ** 2])
         self._surprise = self._surprise + (error - self._surprise) / MEMORY
         pose = compose(predicted, shift)
@@ -119,8 +118,6 @@ class ScanMatcher:
 def _found(seen: ScanCloud, cloud: ScanCloud, sigma: Floats) -> tuple[Floats, float]:
     """The correction (3,) of a prediction that errs by ``sigma`` (2,), and the share of inliers."""
     window = np.minimum(SEARCH_SIGMAS * sigma, WIDEST)
-    if (window < WORTH_A_SEARCH).all():
-        return register(seen.points, seen.normals, cloud.points, 0.0, 0.0, sigma)
     return register_widely(seen.points, seen.normals, cloud.points, window[0], window[1], sigma)
 
 

@@ -42,6 +42,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "ros" / "m2t_text_ros"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NUMBERS = count()
+SCANS = int(os.environ.get("ROS_TEST_SCANS", "10000"))
 PATIENCE = 120.0  # s; until a busy machine has compiled
 
 
@@ -98,8 +99,9 @@ class Robot:
         status = self.heard["/diagnostics"][-1].status[0]
         return {one.key: one.value for one in status.values} | {"message": status.message}
 
-    def drive(self, log: Log, pace: float = 0.01) -> None:
-        """Sends a log's scans and odometry; each scan after the odometry of its time."""
+    def drive(self, log: Log, pace: float = 0.01, share: float = 0.8) -> None:
+        """Sends a log's scans and odometry; each scan after the odometry of its time. At least a ``share`` of
+        them has to arrive: sensor data may be lost where the machine is busy."""
         sent = 0
         before = int(self.status()["scans"])
         for scan in log.scans:
@@ -108,7 +110,7 @@ class Robot:
             self.scans.publish(scan_message(self.time, scan))
             sent += 1
             self.executor.spin_once(timeout_sec=pace)
-        self.until(lambda: int(self.status()["scans"]) > before + 0.8 * sent, 60.0)
+        self.until(lambda: int(self.status()["scans"]) > before + share * sent, 60.0)
 
     def localize(self) -> tuple[bool, dict[str, Any]]:
         response = self.call(Trigger, "m2t_localizer/localize", Trigger.Request())
@@ -350,8 +352,8 @@ def test_ten_thousand_scans_without_growth(
     there = logs[1].scans
     around = replace(logs[1], scans=(*there, *there[::-1]))
     taken, early = 0, 0
-    while taken < 10_000:
-        robot.drive(around, 0.002)
+    while taken < SCANS:
+        robot.drive(around, 0.004, share=0.1)
         taken = int(robot.status()["scans"])
-        early = early or (resident(process) if taken > 1000 else 0)
+        early = early or (resident(process) if taken > SCANS // 10 else 0)
     assert resident(process) < 1.05 * early

@@ -67,4 +67,4 @@ def test_a_stale_output_is_told_and_written_anew(
     assert page.read_text() == SHOWN and "page.md: $ ls" in capsys.readouterr().out
     assert docs_check.check(page, update=True, cheap=False) == 1
     assert docs_check.check(page, update=False, cheap=False) == 0
-    assert page.read_text() == SHOWN.replace("$ ls\na\nb\n", "$ ls\nb\ndocs\n").replace("7.02", "0.31")
+    assert page.read_text() == SHOWN.replace("$ ls\na\nb\n", "$ ls\nb\ndocs\n")

@@ -10,9 +10,10 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial, reduce
+from functools import cached_property, reduce
 from itertools import pairwise
 from math import prod
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ TOKEN = re.compile(rf"{POSE}y(0|-?[1-9]\d{{0,4}})_([a-z])(0|[1-9]\d{{0,3}})".enc
 COLUMN = re.compile(POSE.encode())
 
 Places = NDArray[np.int64]
+Key = TypeVar("Key")
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,8 @@ class TokenTerms:
         self._texts = texts
         self._letter = letter
         self._columns: dict[int, Postings] = {}
-        self._asked = Counter[int]()
-        self._cell = lru_cache(CELLS)(partial(_gather, texts))
+        self._cells: dict[tuple[int, int], Postings] = {}
+        self._asked = Counter[int]()  # for how many cells of each x
 
     def documents(self, token: bytes) -> NDArray[np.int32]:
         """The documents with a token, ascending, each as often as it has the token."""
@@ -85,10 +87,17 @@ class TokenTerms:
         x, y, number = int(match[1]), int(match[2]), int(match[4])
         if x not in POSES or y not in POSES or number >= NUMBERS:
             return np.zeros(0, dtype=np.int32)
-        self._asked[x] += 1
-        if x in self._columns or self._asked[x] > REPEATED:
-            return self._column(x).find(_code(y, number))
-        return self._cell(x, y).find(_code(y, number))
+        return self._postings(x, y).find(_code(y, number))
+
+    def _postings(self, x: int, y: int) -> Postings:
+        """The tokens of this cell, or of the whole x where more than a few of its cells are asked for."""
+        found = self._columns.get(x) or self._cells.get((x, y))
+        if found is None:
+            self._asked[x] += 1
+            if self._asked[x] > REPEATED:
+                return self._column(x)
+            found = _kept(self._cells, (x, y), _gather(self._texts, x, y), CELLS)
+        return found
 
     def names(self, prefix: bytes) -> Iterator[bytes]:
         """All tokens from the prefix on, in the order of their bytes."""
@@ -125,11 +134,8 @@ class TokenTerms:
 
     def _column(self, x: int) -> Postings:
         """The tokens with this x."""
-        if x not in self._columns:
-            if len(self._columns) >= COLUMNS:
-                self._columns.pop(next(iter(self._columns)), None)
-            self._columns[x] = _gather(self._texts, x)
-        return self._columns[x]
+        found = self._columns.get(x)
+        return _kept(self._columns, x, _gather(self._texts, x), COLUMNS) if found is None else found
 
     def _names_at(self, x: int) -> list[bytes]:
         codes = self._column(x).codes
@@ -166,6 +172,14 @@ class TokenTerms:
         xs, ys, numbers = self._strings
         rest, number = divmod(code, len(numbers))
         return xs[rest // len(ys)] + ys[rest % len(ys)] + numbers[number]
+
+
+def _kept(known: dict[Key, Postings], key: Key, found: Postings, most: int) -> Postings:
+    """What was found, kept with the ``most`` latest."""
+    while len(known) >= most:
+        known.pop(next(iter(known)), None)
+    known[key] = found
+    return found
 
 
 def _code(y: int, number: int) -> int:

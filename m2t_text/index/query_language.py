@@ -6,7 +6,7 @@ from typing import Any
 from whoosh.fields import Schema
 from whoosh.qparser import QueryParser
 from whoosh.qparser.common import QueryParserError
-from whoosh.query import NullQuery, Phrase, Query, Term
+from whoosh.query import Every, NullQuery, Phrase, Query, Term
 
 from m2t_text.config import LIMITS
 from m2t_text.description.text import parse
@@ -47,13 +47,17 @@ def parse_query(string: str, schema: Schema) -> Query:
 
 
 def _with_neighbours(query: Query) -> Query:
-    """The query itself, or for ``TOKEN~`` one that finds the token's neighbours, too.
+    """The query itself; for ``TOKEN~`` one that finds the token's neighbours, too; for all tokens a quick one.
 
     Raises:
         TextError: if it looks for what no text can hold.
     """
     if isinstance(query, Phrase) and query.fieldname == "text":
         raise TextError("tokens have no order; leave out the quotes, and join them with AND")
+    if isinstance(query, Every) and query.fieldname == "text":
+        from m2t_text.index.search.query import AnyToken  # compiled code, slow to import
+
+        return AnyToken(query.fieldname, query.boost)
     if not isinstance(query, Term) or query.fieldname != "text":
         return query
     match = NEAR.fullmatch(query.text)

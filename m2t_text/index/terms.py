@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from whoosh.codec.base import TermsReader
-from whoosh.matching import ListMatcher
+from whoosh.matching import ListMatcher, ReadTooFar
 from whoosh.reading import TermInfo, TermNotFound
 from whoosh.system import pack_uint
 from whoosh.util.numeric import byte_to_length, length_to_byte
@@ -37,7 +37,7 @@ def _counted(documents: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 class TermMatcher(ListMatcher):
-    """Postings that are at hand; a copy of Whoosh's own class forgets what is known of the term."""
+    """Postings that are at hand. Whoosh's own class looks at each of them, and its copies forget the term."""
 
     def __init__(
         self,
@@ -53,6 +53,18 @@ class TermMatcher(ListMatcher):
 
     def copy(self) -> "TermMatcher":
         return copy(self)
+
+    def skip_to(self, id: int) -> None:
+        if not self.is_active():
+            raise ReadTooFar
+        self._i: int = bisect_left(self._ids, id, self._i)
+
+    def supports_block_quality(self) -> bool:
+        """All postings are one block, so that nothing could be skipped."""
+        return False
+
+    def block_max_weight(self) -> float:
+        return float(super().block_max_weight() if self._terminfo is None else self._terminfo.max_weight())
 
 
 class MapTerms(TermsReader):

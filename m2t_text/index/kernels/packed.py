@@ -126,6 +126,8 @@ def as_squares(text: Text) -> FreeSquares:
 
 def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:
     """Its runs, x, y and high bytes."""
+    if not len(text):
+        return b"", b"", b"", b""
     x, y = text.wx.astype(np.int8), text.wy.astype(np.int8)  # keeps the low byte
     high = np.stack([text.wx - x.astype(np.int32), text.wy - y.astype(np.int32)], axis=1) >> 8
     wide = high.astype(np.int8).tobytes() if high.any() else b""

@@ -95,6 +95,30 @@ class MapQuery(SegmentQuery):
         return HistogramIntersection(window, self.turns, weighted=False)
 
 
+class AnyToken(SegmentQuery):
+    """Finds the maps that have tokens. Whoosh's own `Every` reads the documents of each term for it."""
+
+    def __init__(self, fieldname: str = "text", boost: float = 1.0) -> None:
+        self.fieldname = fieldname
+        self.boost = boost
+
+    def _key(self) -> tuple[Any, ...]:
+        return self.fieldname, self.boost
+
+    def __repr__(self) -> str:
+        return f"AnyToken{self._key()!r}"
+
+    def __str__(self) -> str:
+        return f"{self.fieldname}:*"
+
+    __unicode__ = __str__
+
+    def matcher(self, searcher: Any, context: Any = None) -> Matcher:
+        reader = searcher.reader()
+        found = [number for number in reader.all_doc_ids() if reader.doc_field_length(number, self.fieldname)]
+        return ArrayMatcher(np.array(found, dtype=np.int64), np.full(len(found), self.boost))
+
+
 class NumberRange(SegmentQuery):
     """Finds the documents whose number in a column lies in a range; None is an open end."""
 

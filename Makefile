@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test web-test ros-test web-bench live-bench stress fuzz bench loops slam-bench lint docs docs-check notebooks clean
+.PHONY: help demo test web-test ros-test web-bench live-bench stress fuzz bench loops slam-bench calibrate lint docs docs-check notebooks clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -41,6 +41,10 @@ bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
 # make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
 loops: $(VENV)/.installed-test  ## how far loops correct logs: make loops LOGS="a.log b.log"
 	$(BIN)/m2t-text evaluate-loops $(LOGS)
+
+# make calibrate LOGS="a.log b.log.gz": logs with corrected poses, beside simulated buildings.
+calibrate: $(VENV)/.installed  ## the coefficients of the verdict's probability, fitted and judged
+	$(BIN)/python tests/benchmarks/calibrate.py $(LOGS)
 
 # SLAM_LOGS is the folder of the logs and relations, NAME.log.gz and NAME.relations.gz.
 slam-bench: $(VENV)/.installed  ## the SLAM benchmark: trajectories before and after loops

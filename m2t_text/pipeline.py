@@ -16,8 +16,8 @@ from m2t_text.description.text import Text
 from m2t_text.description.viewpoint import plan_viewpoint
 from m2t_text.logs.log import Log
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
-from m2t_text.mapping.single_run import local_map_at
-from m2t_text.mapping.trajectory import survey
+from m2t_text.mapping.single_run import BEFORE, local_map_at
+from m2t_text.mapping.trajectory import survey, travel_of
 from m2t_text.util.geometry import inverse, transform
 from m2t_text.util.types import StageProgress
 from m2t_text.util.workers import mapped
@@ -135,6 +135,30 @@ def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
         ('drive/000040', dtype('int16'), (3,))
     """
     return describe(local_map_at(log, scan, parameters.mapping), log.name, parameters)
+
+
+def describe_before(
+    log: Log, scan: int, distances: list[float], parameters: Parameters
+) -> tuple[list[Document], Document]:
+    """The documents of the local maps that begin some ``distances`` of travel before a scan, and its own.
+
+    Those that the drive does not have are left out. Only that part of the log is matched; poses and travel are
+    those of that part.
+    """
+    way = travel_of(log)
+    first = max((int(cut) for cut in log.cuts if cut <= scan), default=0)
+    begin = max(int(np.searchsorted(way, way[scan] - max(distances, default=0.0) - BEFORE)), first)
+    end = int(np.searchsorted(way, way[scan] + 2 * parameters.mapping.run_length)) + 1
+    window = replace(log, scans=log.scans[begin:end], ground_truth=None)
+    whole = survey(window, parameters.mapping)
+    here = scan - begin
+    wanted = [whole.way[here] - distance for distance in distances]
+    starts = [int(np.searchsorted(whole.way, at, side="right")) - 1 for at in wanted if at >= 0.0]
+    chosen = np.array([*dict.fromkeys(start for start in starts if start != here), here])
+    *before, own = [
+        describe(one, log.name, parameters) for one in local_maps(whole, parameters.mapping, chosen)
+    ]
+    return before, own
 
 
 def _silent(stage: str, done: int, of: int) -> None:

@@ -22,12 +22,15 @@ class SearchOptions:
         exclude_travel: metres; None to exclude nothing.
         verify: whether the best hits are aligned and judged.
         run: metres of travel in a query that is cut from a log; None for as many as in the maps of the index.
+        sequence: metres of the drive up to the query's end that count, its hits having to agree on one motion;
+            None for the query alone.
     """
 
     top: int = 10
     exclude_travel: float | None = None
     verify: bool = True
     run: float | None = None
+    sequence: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,9 @@ def search(
     """
     begin = perf_counter()
     index = index.pinned()
-    query = resolve(target, Context(index.parameters, index, reading or SourceOptions(), options.run))
+    query = resolve(
+        target, Context(index.parameters, index, reading or SourceOptions(), options.run, options.sequence)
+    )
     return answer(query, index, options, perf_counter() - begin, where)
 
 

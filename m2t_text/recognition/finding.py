@@ -1,7 +1,7 @@
 """Finding a place: search by text, verify the best by their geometry, and say how sure the answer is."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 
@@ -9,12 +9,15 @@ from whoosh.query import Query as WhooshQuery
 
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.results import Hit
+from m2t_text.recognition.earlier import Earlier
 from m2t_text.recognition.found import Found, differs, strongest
 from m2t_text.recognition.queries import Query
 from m2t_text.recognition.raster import Raster
+from m2t_text.recognition.sequence import Trail
 from m2t_text.recognition.symmetry import other_poses
 from m2t_text.recognition.verdict import NOTHING, UNVERIFIED, Assessment, Verdict, assess
-from m2t_text.recognition.verification import Alignment, align_variously, relative_pose
+from m2t_text.recognition.verification import align_variously, relative_pose
+from m2t_text.util.types import Floats
 
 VERIFIED = 30  # best hits that are aligned
 LIKELY = 0.8  # of the best score, from which a map that was not verified may fit as well
@@ -76,9 +79,10 @@ def find(
     if not verify:
         return Finding([Found(hit) for hit in hits], UNVERIFIED, searched, 0.0)
     begin = perf_counter()
-    verified = verify_hits(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0])
+    trail = _trail(index, query, exclude, filter)
+    verified = _verified(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0], trail)
     results = verified + [Found(hit) for hit in hits[len(verified) :]]
-    assessment = judge(index, query, verified, search)
+    assessment = judge(index, query, verified, search, trail)
     return Finding(results[: top or None], assessment, searched, perf_counter() - begin)
 
 
@@ -93,37 +97,69 @@ def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Foun
         >>> best.inlier_ratio, best.pose.round(2).tolist()
         (1.0, [0.0, 0.0, 0.0])
     """
+    return _verified(index, query, hits, Trail(()))
+
+
+def _verified(index: MapIndex, query: Query, hits: Sequence[Hit], trail: Trail) -> list[Found]:
+    """The hits aligned with the query, and with the evidence of earlier texts, the best first."""
     texts = [hit.document.text if len(hit.document.text) else index.document(hit.map_id).text for hit in hits]
     alignments = align_variously(query.text, texts, index.parameters.mapping.cell)
-    order = sorted(
-        range(len(hits)), key=lambda k: (-alignments[k][0].fit.evidence, -hits[k].score, hits[k].map_id)
-    )
-    return [_found(query, hits[k], alignments[k]) for k in order]
+    found = [
+        trail.supported(Found(hit, None, some[0], tuple(some[1:])))
+        for hit, some in zip(hits, alignments, strict=True)
+    ]
+    posed = [replace(one, pose=_pose(query, one)) for one in found]
+    return sorted(posed, key=lambda one: (-_evidence(one), -one.hit.score, one.hit.map_id))
 
 
-def _found(query: Query, hit: Hit, alignments: Sequence[Alignment]) -> Found:
-    document, best = query.document, alignments[0]
-    pose = None if document is None else relative_pose(document, hit.document, best.pose)
-    return Found(hit, pose, best, tuple(alignments[1:]))
+def _evidence(found: Found) -> float:
+    assert found.alignment is not None
+    return found.alignment.evidence
+
+
+def _pose(query: Query, found: Found) -> Floats | None:
+    if query.document is None:
+        return None
+    return relative_pose(query.document, found.hit.document, found.laid)
+
+
+def _trail(
+    index: MapIndex, query: Query, exclude: tuple[str, float, float] | None, filter: WhooshQuery | None
+) -> Trail:
+    """What the earlier texts of the query say, each looked up without the maps of its own visit."""
+
+    def search(earlier: Earlier) -> list[Hit]:
+        left_out = exclude and (exclude[0], exclude[1] - earlier.behind, exclude[2])
+        return index.search(earlier.text, VERIFIED, left_out, filter=filter, texts=True)
+
+    return Trail.of(query.earlier, search, lambda earlier, hits: verify_hits(index, Query(earlier.text), hits))
 
 
 def judge(
-    index: MapIndex, query: Query, verified: Sequence[Found], search: Callable[[int], list[Hit]]
+    index: MapIndex,
+    query: Query,
+    verified: Sequence[Found],
+    search: Callable[[int], list[Hit]],
+    trail: Trail,
 ) -> Assessment:
     """How sure the first of the verified hits is, ``search(top)`` giving the hits that they were taken from.
 
     What takes longer is done only where the answer would else be a `match`: other poses on the best map, and
     maps elsewhere where all verified ones show one place.
     """
-    best = verified[0]
-    assert best.alignment is not None
-    rival = strongest(best, verified)
-    for more in (partial(_symmetric, index, query, best), partial(_elsewhere, index, query, verified, search)):
-        assessment = assess(best.alignment.fit, rival)
+    best = verified[0].alignment
+    assert best is not None
+    rival = strongest(verified[0], verified)
+    others = (
+        partial(_symmetric, index, query, verified[0]),
+        partial(_elsewhere, index, query, verified, search),
+    )
+    for more in others:
+        assessment = assess(best.fit, rival, best.support)
         if assessment.verdict != "match":
             return assessment
-        rival = strongest(best, more(), rival)
-    return assess(best.alignment.fit, rival)
+        rival = strongest(verified[0], map(trail.supported, more()), rival)
+    return assess(best.fit, rival, best.support)
 
 
 def _symmetric(index: MapIndex, query: Query, best: Found) -> list[Found]:

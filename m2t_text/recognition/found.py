@@ -35,6 +35,11 @@ class Found:
     others: tuple[Alignment, ...] = ()
 
     @property
+    def alignments(self) -> tuple[Alignment, ...]:
+        """All of them, the best first; none where it was not verified."""
+        return (self.alignment, *self.others) if self.alignment else ()
+
+    @property
     def inlier_ratio(self) -> float | None:
         """Share of both maps' keypoints that have one of the other map near; None where it was not verified."""
         return self.alignment.fit.inlier_ratio if self.alignment else None
@@ -97,23 +102,23 @@ def strongest(best: Found, others: Iterable[Found], known: Rival | None = None) 
 
     Looked at are other alignments of the best hit, those of other hits, and the rival that is known already.
     """
+    assert best.alignment is not None
     strongest = known
     for other in [best, *others]:
-        assert other.alignment is not None
-        for alignment in (other.alignment, *other.others):
-            evidence = alignment.fit.evidence
-            if strongest is not None and evidence <= strongest.evidence:
+        for alignment in other.alignments:
+            lead = best.alignment.evidence - alignment.evidence
+            if strongest is not None and lead >= strongest.lead:
                 continue
             apart = difference(best, other, alignment.pose)
             if apart is not None:
-                strongest = _rival(other.hit.map_id, best, apart, evidence)
+                strongest = _rival(other.hit.map_id, best, apart, lead)
     return strongest
 
 
-def _rival(map_id: str, best: Found, apart: Difference, evidence: float) -> Rival:
+def _rival(map_id: str, best: Found, apart: Difference, lead: float) -> Rival:
     gap = SAME_PLACE[0]
     if apart.turn > TURNED and apart.away <= 3 * gap:
-        return Rival("turned", map_id, apart.away, apart.turn, apart.direction, evidence)
+        return Rival("turned", map_id, apart.away, apart.turn, apart.direction, lead)
     if map_id == best.hit.map_id:
-        return Rival("slides", map_id, apart.away, apart.turn, apart.direction, evidence)
-    return Rival("elsewhere", map_id, apart.away, apart.turn, apart.direction, evidence)
+        return Rival("slides", map_id, apart.away, apart.turn, apart.direction, lead)
+    return Rival("elsewhere", map_id, apart.away, apart.turn, apart.direction, lead)

@@ -14,6 +14,7 @@ from m2t_text.description.text import Text, parse
 from m2t_text.errors import QueryError, TextError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
+from m2t_text.recognition.earlier import Earlier, distances, earlier_maps, indexed_before
 from m2t_text.sources.opening import SourceOptions, is_source, open_log, open_source
 from m2t_text.util.files import is_file
 from m2t_text.util.names import CLOUDS, SAVED_MAPS
@@ -35,12 +36,14 @@ class Query:
     Attributes:
         warnings: one line for each kind of damage that was skipped in the file that the map comes from.
         cut: whether the map was cut out of a log, be it a single scan.
+        earlier: maps of the same drive that lead to it, whose hits must agree with an answer.
     """
 
     text: Text
     document: Document | None = None
     warnings: tuple[str, ...] = ()
     cut: bool = False
+    earlier: tuple[Earlier, ...] = ()
 
     @classmethod
     def of(cls, document: Document, warnings: tuple[str, ...] = ()) -> "Query":
@@ -81,12 +84,15 @@ class Context:
         options: how to read files, with the dataset's name of a log where it is not the file's.
         run: metres of travel in a map that is cut from a log, 0 for a single scan; None for what the
             parameters say.
+        sequence: metres of the drive, up to the end of the query's run, whose earlier maps lead to it; None for
+            the query alone.
     """
 
     parameters: Parameters
     index: MapIndex | None = None
     options: SourceOptions = field(default_factory=SourceOptions)
     run: float | None = None
+    sequence: float | None = None
 
     @property
     def described(self) -> Parameters:
@@ -97,7 +103,24 @@ class Context:
 
 
 def resolve(target: str, context: Context) -> Query:
-    """The query that a string names.
+    """The query that a string names, with the maps that lead to it if the context asks for them.
+
+    Raises:
+        QueryError, SourceError: one line saying what there is instead, or what to try.
+        TextError: naming the broken token.
+    """
+    query = _resolved(target, context)
+    if context.sequence is None or query.earlier:
+        return query
+    if query.document is None or not query.driven:
+        raise QueryError(f"{target!r} is no map of a drive, which a sequence takes: name one by its id or log")
+    if context.index is None or query.document.dataset not in context.index.overview().names:
+        return query
+    return replace(query, earlier=indexed_before(context.index, query.document, context.sequence))
+
+
+def _resolved(target: str, context: Context) -> Query:
+    """The query by itself.
 
     Raises:
         QueryError, SourceError: one line saying what there is instead, or what to try.
@@ -149,7 +172,17 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
             f"{run[0]!r}: a map takes {needed:g} m of travel, and {ends} {way:.2f} m after scan #{scan}; name "
             "an earlier one"
         )
-    return Query(document.text, document, log.warnings, cut=True)
+    return Query(document.text, document, log.warnings, cut=True, earlier=_before(log, scan, context))
+
+
+def _before(log: Log, scan: int, context: Context) -> tuple[Earlier, ...]:
+    """The maps of a log that is not in the index that lead to the one that begins at a scan."""
+    if context.sequence is None:
+        return ()
+    from m2t_text.pipeline import describe_before
+
+    behind = distances(context.sequence, context.described.mapping.run_length)
+    return earlier_maps(*describe_before(log, scan, behind, context.described))
 
 
 def _map_of_dataset(run: re.Match[str], context: Context) -> Query | None:

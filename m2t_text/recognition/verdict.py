@@ -13,7 +13,9 @@ from typing import Literal
 from m2t_text.recognition.fit import Fit
 
 Verdict = Literal["match", "ambiguous", "none"]
-Code = Literal["fits", "elsewhere", "turned", "slides", "conflict", "misfit", "little", "nothing", "unverified"]
+Code = Literal[
+    "fits", "elsewhere", "turned", "slides", "conflict", "misfit", "little", "sequence", "nothing", "unverified"
+]
 
 SURE = 0.995  # probability from which an answer is a `match`
 FURTHEST = 4.0  # of the evidence by which the best rival may be behind; more says no more
@@ -34,6 +36,7 @@ WITH_FREE = Coefficients(4.6, 8.0, -45.0, -8.0)
 WITHOUT_FREE = Coefficients(0.0, 16.0, 0.0, -12.0)  # where a text does not tell what is free
 LEAD = 3.1  # for the evidence by which the best rival is behind
 OWN = 6.3  # for the logarithm of the probability that an answer fits by itself
+AGREED = 1.5  # for the support of earlier maps of the drive, which is 0 where all agree, and else less
 HOPELESS = -1.0  # odds of the fit, on a logarithmic scale, below which nothing fits however much was seen
 
 
@@ -47,7 +50,7 @@ class Rival:
         away: metres from the answer; infinite on another dataset.
         turn: radians, from the answer.
         direction: radians, in which the viewpoint is shifted, in the frame of the answer's map.
-        evidence: of its fit.
+        lead: evidence by which it is behind the answer; negative where more speaks for it.
     """
 
     kind: Literal["elsewhere", "turned", "slides"]
@@ -55,7 +58,7 @@ class Rival:
     away: float
     turn: float
     direction: float
-    evidence: float
+    lead: float
 
 
 @dataclass(frozen=True)
@@ -80,28 +83,34 @@ UNVERIFIED = Assessment("ambiguous", None, Reason("unverified", "the best hit wa
 NOTHING = Assessment("none", None, Reason("nothing", "no map shares a keypoint with the query"))
 
 
-def assess(fit: Fit, rival: Rival | None) -> Assessment:
-    """The verdict on an answer of this ``fit``, whose best ``rival`` may be None."""
-    sure = probability(fit, rival)
+def assess(fit: Fit, rival: Rival | None, support: float = 0.0) -> Assessment:
+    """The verdict on an answer of this ``fit``, whose best ``rival`` may be None.
+
+    The ``support`` of earlier maps is that of `Alignment`.
+    """
+    sure = probability(fit, rival, support)
     terms = _terms(fit)
     if _odds(terms | {"little": _ORDINARY["little"]}, fit) < HOPELESS:
         return Assessment("none", sure, _weakest(fit))
     if sure >= SURE:
         text = f"{fit.seen_inliers:.0%} of what both maps saw fits, and nothing else fits as well"
         return Assessment("match", sure, Reason("fits", text))
+    if probability(fit, rival) >= SURE:
+        text = "it fits, but earlier maps of the drive were found elsewhere, or nowhere"
+        return Assessment("ambiguous", sure, Reason("sequence", text))
     by_itself = probability(fit, None) >= SURE
     return Assessment("ambiguous", sure, _rivalled(rival) if rival and by_itself else _weakest(fit))
 
 
-def probability(fit: Fit, rival: Rival | None) -> float:
+def probability(fit: Fit, rival: Rival | None, support: float = 0.0) -> float:
     """That the pose of an answer is right."""
     own = log(_logistic(_odds(_terms(fit), fit)))
-    return _logistic(OWN * own + LEAD * lead(fit, rival))
+    return _logistic(OWN * own + LEAD * lead(rival) + AGREED * support)
 
 
-def lead(fit: Fit, rival: Rival | None) -> float:
+def lead(rival: Rival | None) -> float:
     """How far the evidence for the best rival is behind, at most FURTHEST."""
-    return FURTHEST if rival is None else min(fit.evidence - rival.evidence, FURTHEST)
+    return FURTHEST if rival is None else min(rival.lead, FURTHEST)
 
 
 def _coefficients(fit: Fit) -> Coefficients:

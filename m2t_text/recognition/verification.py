@@ -34,11 +34,18 @@ class Alignment:
         pose: (3,) the query's frame in the map's frame (both at their viewpoints), metres and radians.
         fit: of both maps there.
         agreement: share of keypoints that matched at the offset for which the words voted, before that.
+        support: what the hits of earlier maps of the query's drive add to the evidence; see `sequence`.
     """
 
     pose: Floats
     fit: Fit
     agreement: float
+    support: float = 0.0
+
+    @property
+    def evidence(self) -> float:
+        """How much speaks for the pose: differences of it compare poses of one query."""
+        return self.fit.evidence + self.support
 
     @property
     def inlier_ratio(self) -> float:

@@ -18,7 +18,7 @@ POOR = replace(GOOD, inliers=300, conflicts=150)
 
 
 def rival(fit: Fit, kind: str = "elsewhere", away: float = 12.0) -> Rival:
-    return Rival(kind, "log/000020", away, np.pi, 0.0, fit.evidence)  # type: ignore[arg-type]
+    return Rival(kind, "log/000020", away, np.pi, 0.0, GOOD.evidence - fit.evidence)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -52,6 +52,12 @@ def test_more_against_an_answer_makes_it_less_likely() -> None:
     assert sure(GOOD) > sure(replace(GOOD, inliers=700)) > sure(replace(GOOD, inliers=600))
     assert sure(GOOD) > sure(replace(GOOD, keypoints=1500))
     assert sure(GOOD) >= sure(GOOD, rival(POOR)) > sure(GOOD, rival(GOOD))
+
+
+def test_a_match_must_agree_with_the_way() -> None:
+    assert assess(GOOD, None, support=0.0).verdict == "match"
+    against = assess(GOOD, None, support=-12.0)
+    assert (against.verdict, against.reason.code) == ("ambiguous", "sequence")
 
 
 def test_where_it_is_not_known_what_is_free_conflicts_say_nothing() -> None:

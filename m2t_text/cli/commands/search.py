@@ -54,6 +54,16 @@ def search(
             "neighbours, too; joined by AND, OR, NOT.",
         ),
     ] = None,
+    sequence: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            callback=a_number,
+            metavar="METRES",
+            help="Look up the last METRES of the drive, up to the query's end, as several maps, whose hits "
+            "must agree on one motion.",
+        ),
+    ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     run: RunOption = None,
     as_json: JsonOption = False,
@@ -70,6 +80,7 @@ def search(
     m2t-text search robot/000123 --exclude-travel 10   on other visits only
     m2t-text search new.log@35 --where 'dataset:robot AND travel:[10 TO 40]'
     m2t-text search new.log@35 --plot match.png        35 m into a log, drawn
+    m2t-text search new.log@35 --sequence 20           with the way that led there
     m2t-text search new.log#200 --top 3 --json         at scan 200, for scripts
     m2t-text search new.log#200 --run 0                the single scan 200
     m2t-text inspect robot/000123 | m2t-text search -  a text
@@ -80,7 +91,7 @@ def search(
     from m2t_text.recognition.answer import search as find
 
     check_plot(plot)
-    options = SearchOptions(top, exclude_travel, not no_verify, run)
+    options = SearchOptions(top, exclude_travel, not no_verify, run, sequence)
     opened = MapIndex.open(index)
     if where is not None:
         opened.parse(where)  # what is wrong with it is said before anything takes time

@@ -69,7 +69,7 @@ async def _warm(site: Site) -> None:
         committed = site.library.latest()
         if len(committed.overview):
             document = next(committed.index.numbered(committed.overview.numbers[:1].tolist()))
-            replay.looked_up(document, committed)
+            replay.looked_up(0, document, committed, None)
 
     try:
         await site.search(search)

@@ -1,6 +1,7 @@
 """Requests about what is uploaded: receiving it, what it shows, looking it up as it went, and adding it."""
 
 import json
+from asyncio import gather
 from collections.abc import AsyncIterator
 from functools import partial
 from pathlib import Path
@@ -13,8 +14,9 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from m2t_text.config import Parameters
 from m2t_text.errors import QueryError
+from m2t_text.util.workers import cores
 from m2t_text.web.asking import whole
-from m2t_text.web.replay import Drive, IndexedDrive, UploadedDrive, looked_up, places, told
+from m2t_text.web.replay import Drive, IndexedDrive, UploadedDrive, looked_up
 from m2t_text.web.served import Committed
 from m2t_text.web.site import Site
 from m2t_text.web.uploads import BYTES, Upload
@@ -103,15 +105,19 @@ class Receiving:
     async def _events(
         self, drive: Drive, committed: Committed, begin: int, upload: str | None
     ) -> AsyncIterator[str]:
-        steps = places(drive, begin)
         yield _event("begin", drive.progress() | {"total": drive.total})
-        while (step := await self._site.read(lambda: next(steps, None))) is not None:
-            number, document = step
-            if document is None:
+        number, at_once = begin, cores(None)
+        while drive.total is None or number < drive.total:
+            documents = await self._site.read(partial(drive.places, number, at_once))
+            if not documents:
                 yield _event("progress", drive.progress())
-                continue
-            found = await self._site.search(partial(looked_up, document, committed))
-            yield _event("place", told(number, document, found, upload), number + 1)
+            searches = [
+                self._site.search(partial(looked_up, number + k, document, committed, upload))
+                for k, document in enumerate(documents)
+            ]
+            for place in await gather(*searches):
+                number += 1
+                yield _event("place", place, number)
         yield _event("end", drive.progress() | {"total": drive.total})
 
 

@@ -1,12 +1,11 @@
 """A drive, looked up place by place as it went."""
 
-from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
 
 from m2t_text.description.document import Document
-from m2t_text.recognition.answer import Answer, SearchOptions, answer
+from m2t_text.recognition.answer import SearchOptions, answer
 from m2t_text.recognition.queries import Query
 from m2t_text.web.drives import SPACING
 from m2t_text.web.naming import UPLOAD
@@ -21,8 +20,8 @@ STEP = 0.5  # s to wait for the next place of a drive that is being read, before
 class Drive(Protocol):
     """The places of a drive, in their order."""
 
-    def place(self, number: int) -> Document | None:
-        """One of them; None if it is not known yet, or there are no more."""
+    def places(self, begin: int, most: int) -> list[Document]:
+        """Some from ``begin`` on, as many as are known; none if no more come for a while."""
 
     @property
     def total(self) -> int | None:
@@ -38,8 +37,9 @@ class UploadedDrive:
     def __init__(self, upload: Upload) -> None:
         self._upload = upload
 
-    def place(self, number: int) -> Document | None:
-        return self._upload.documents[number] if self._upload.wait(number, STEP) else None
+    def places(self, begin: int, most: int) -> list[Document]:
+        self._upload.wait(begin, STEP)
+        return self._upload.documents[begin : begin + most]
 
     @property
     def total(self) -> int | None:
@@ -62,10 +62,8 @@ class IndexedDrive:
         self._numbers = committed.overview.numbers[part][chosen].tolist()
         self._index = committed.index
 
-    def place(self, number: int) -> Document | None:
-        if number >= len(self._numbers):
-            return None
-        return next(self._index.numbered([self._numbers[number]]))
+    def places(self, begin: int, most: int) -> list[Document]:
+        return list(self._index.numbered(self._numbers[begin : begin + most]))
 
     @property
     def total(self) -> int | None:
@@ -75,15 +73,12 @@ class IndexedDrive:
         return {}
 
 
-def looked_up(document: Document, committed: Committed) -> Answer:
-    """A place looked up in the index; of its own dataset, only other visits count."""
+def looked_up(number: int, document: Document, committed: Committed, upload: str | None) -> dict[str, Any]:
+    """A place looked up in the index, as the page is told of it: where it lies in the drive, its text, and the
+    answer of ``search --json``. Of the dataset of its own name, only other visits count."""
     query = Query.of(document)
     exclude = OTHER_VISITS if query.driven and document.dataset in committed.overview.names else None
-    return answer(query, committed.index, SearchOptions(top=TOP, exclude_travel=exclude))
-
-
-def told(number: int, document: Document, found: Answer, upload: str | None) -> dict[str, Any]:
-    """What the page is told of a place: where it lies in the drive, and the answer of ``search --json``."""
+    found = answer(query, committed.index, SearchOptions(top=TOP, exclude_travel=exclude))
     name = document.map_id if upload is None else f"{UPLOAD}{upload}/{document.first_scan:06d}"
     return {
         "number": number,
@@ -93,12 +88,3 @@ def told(number: int, document: Document, found: Answer, upload: str | None) -> 
         "text": str(document.text),
         "answer": found.to_json(),
     }
-
-
-def places(drive: Drive, begin: int) -> Iterator[tuple[int, Document | None]]:
-    """Numbers and places from ``begin`` on; (number, None) where nothing came for a while."""
-    number = begin
-    while drive.total is None or number < drive.total:
-        document = drive.place(number)
-        yield number, document
-        number += document is not None

@@ -86,7 +86,7 @@ def test_a_drive_is_looked_up_place_by_place(client: Client, simulated: Path) ->
     assert [place["number"] for place in places] == list(range(len(places)))
     for place in places:  # the drive that is in the index, looked up in it: every place is there
         best = place["answer"]["results"][0]
-        assert best["first_scan"] == place["answer"]["query"]["first_scan"] and best["inlier_ratio"] > 0.99
+        assert np.hypot(*np.subtract(best["dataset_pose"], place["own_pose"])[:2]) < 0.3
     again = events(client, f"/api/replay/{upload['id']}?from={len(places) - 2}")
     assert [data["number"] for kind, data in again if kind == "place"] == [len(places) - 2, len(places) - 1]
     found = client.get("/api/search", query=places[3]["query"], top=1)

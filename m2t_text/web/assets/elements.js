@@ -22,7 +22,8 @@ export const link = (text, onclick, title) => make("button", { type: "button", c
 export function say(text) { by("live").textContent = text; }
 
 export const percent = (share) => `${Math.round(share * 100)} %`;
-export const metres = (value) => `${value.toFixed(2)} m`;
+// A probability, which is never rounded up to certainty.
+export const sure = (share) => `${(Math.floor(share * 1000) / 10).toFixed(1)} %`;
 export const thousands = (count) => count.toLocaleString("en");
 
 // Entries of a legend: [name of a colour, what it stands for]; conflicts are crosses.

@@ -1,6 +1,6 @@
 // The query's panel: its text on its walls, token by token, and the verdict.
 
-import { by, fill, link, make, percent } from "./elements.js";
+import { by, fill, link, make, sure } from "./elements.js";
 import { degrees } from "./geometry.js";
 import { MapView } from "./mapview.js";
 import { foundBy, parse, spoken } from "./text.js";
@@ -116,15 +116,15 @@ export class QueryPanel {
     const { verdict, probability, reason } = answer, best = answer.results[0];
     const badge = make("span", { class: `badge ${verdict}` }, `${SIGNS[verdict]} ${verdict}`);
     const odds = typeof probability === "number"
-      ? make("span", { class: "odds", title: "that the pose of the first hit is right" }, percent(probability)) : null;
+      ? make("span", { class: "odds", title: "that the pose of the first hit is right" }, `${sure(probability)} sure`) : null;
     const lines = [make("p", {}, (reason && reason.text) || SAYS[verdict])];
     if (reason && reason.rival) lines.push(make("p", {}, "Rival: ", link(reason.rival, () => open(reason.rival))));
     if (best && best.dataset_pose && verdict !== "none") {
       const [x, y, theta] = best.dataset_pose;
-      const sure = best.covariance
+      const give = best.covariance
         ? ` ± ${Math.sqrt(best.covariance[0][0]).toFixed(2)}, ${Math.sqrt(best.covariance[1][1]).toFixed(2)} m` : "";
       lines.push(make("p", { class: "where" },
-        `pose in ${best.dataset}: ${x.toFixed(2)} ${y.toFixed(2)} m, ${degrees(theta)}°${sure}`));
+        `pose in ${best.dataset}: ${x.toFixed(2)} ${y.toFixed(2)} m, ${degrees(theta)}°${give}`));
     }
     const { search, verify } = answer.seconds;
     if (!moving) lines.push(make("p", { class: "note" },

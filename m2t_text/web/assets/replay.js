@@ -3,7 +3,7 @@
 import { show, shown } from "./address.js";
 import { json } from "./api.js";
 import { Surface } from "./canvas.js";
-import { by, percent, say, thousands } from "./elements.js";
+import { by, percent, say, sure, thousands } from "./elements.js";
 import { colour, whenThemed } from "./theme.js";
 
 const TALL = { match: 1, ambiguous: 0.62, none: 0.3 };
@@ -210,7 +210,7 @@ export class Replay {
     const place = this.places[this.at];
     if (!place) return;
     const best = place.answer.results[0];
-    const odds = typeof place.answer.probability === "number" ? `, ${percent(place.answer.probability)}` : "";
+    const odds = typeof place.answer.probability === "number" ? `, ${sure(place.answer.probability)} sure` : "";
     const text = `${this.where(place)}: ${place.answer.verdict}${odds}${best ? `, ${best.map_id}` : ""}`;
     const counts = { match: 0, ambiguous: 0, none: 0 };
     this.places.forEach((one) => { counts[one.answer.verdict]++; });

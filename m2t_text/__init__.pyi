@@ -13,7 +13,7 @@ from .live.place import Place
 from .live.survey import LiveSurvey
 from .logs import read_log
 from .logs.log import Log, LogOptions, Scan
-from .logs.simulator import Simulation, simulate, write_carmen
+from .logs.simulation.simulator import Simulation, simulate, write_carmen
 from .pipeline import describe, describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
 from .recognition.finding import Finding, find, verify_hits

@@ -94,8 +94,8 @@ def describe_survey(
 ) -> Iterator[Document]:
     """The documents of all local maps of a survey, in the order of their first scans.
 
-    The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all). Maps that begin
-    less than ``spacing`` metres of travel after the one before are left out.
+    The same for any number of ``jobs`` (processes). ``progress`` is called with (stage, done, total). Maps that
+    begin less than ``spacing`` metres of travel after the one before are left out.
     """
     starts = run_starts(whole, parameters.mapping.run_length, spacing)
     maps = partial(local_maps, whole, parameters.mapping)
@@ -112,7 +112,7 @@ def describe_all(
 ) -> Iterator[Document]:
     """The documents of all local maps that ``maps`` makes of the ``numbers``, in their order.
 
-    The same for any number of ``jobs`` (processes). ``progress`` is told (stage, done, all).
+    The same for any number of ``jobs`` (processes). ``progress`` is called with (stage, done, total).
     """
     tell = progress or _silent
     chunks = [numbers[k : k + CHUNK] for k in range(0, len(numbers), CHUNK)]

@@ -35,7 +35,7 @@ def radish() -> Path:
 @pytest.fixture(scope="session")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The log of a short simulated drive, ``drive.log``."""
-    from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+    from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 
     path = tmp_path_factory.mktemp("logs") / "drive.log"
     write_carmen(simulate(Simulation(seed=3, length=24.0, travel=40.0)), path)
@@ -55,7 +55,7 @@ def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -
 @pytest.fixture(scope="session")
 def circuit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The log of a simulated drive that comes back to places, ``circuit.log``, with ground truth."""
-    from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+    from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 
     path = tmp_path_factory.mktemp("circuit") / "circuit.log"
     write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25)), path)

@@ -15,8 +15,8 @@ from m2t_text.errors import CloudError, LogError, QueryError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, Scan, read_log
 from m2t_text.logs.beams import half_circle
-from m2t_text.logs.raycast import cast
-from m2t_text.logs.simulator import write_carmen
+from m2t_text.logs.simulation.raycast import cast
+from m2t_text.logs.simulation.simulator import write_carmen
 from m2t_text.mapping.normals import cloud_normals
 from m2t_text.pipeline import describe_at, describe_log
 from m2t_text.recognition.finding import Finding, find

@@ -14,11 +14,10 @@ from m2t_text.cli.commands.info import info
 from m2t_text.cli.commands.inspect import inspect
 from m2t_text.cli.commands.live import live, replay
 from m2t_text.cli.commands.loops import loops
-from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove
+from m2t_text.cli.commands.maintain import fetch, merge, optimize, remove, warm_up
 from m2t_text.cli.commands.map import map_command
 from m2t_text.cli.commands.search import search
 from m2t_text.cli.commands.serve import serve
-from m2t_text.cli.commands.warm_up import warm_up
 
 app = typer.Typer(
     name="m2t-text",

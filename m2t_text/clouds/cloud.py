@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from m2t_text.errors import CloudError, PartError
-from m2t_text.logs.point_scans import BAND, FLAT
+from m2t_text.logs.ros.point_scans import BAND, FLAT
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.mapping.registration import CELL, HALF
 from m2t_text.util.types import Floats
@@ -26,7 +26,7 @@ class Cloud:
     warnings: tuple[str, ...] = ()
 
     def local_map(self, cell: float) -> LocalMap:
-        """The map in the cloud's own frame. Nobody drove there: its way is the centre of gravity, facing +x.
+        """The map in the cloud's own frame. Its trajectory is the centre of gravity alone, facing +x.
 
         Raises CloudError if it has too few occupied cells for a map, or too many.
         """

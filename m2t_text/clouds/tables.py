@@ -26,7 +26,7 @@ OTHER_NAMES = {
     "points_1": "y",
     "points_2": "z",
 }
-LISTED = 80  # characters of the column names that are told
+LISTED = 80  # characters of the column names that are shown
 HEADER = re.compile(
     rb"\{'descr': '(?P<kind>[<>|](?:f[248]|[iu][1248]))', 'fortran_order': (?P<by_columns>True|False), "
     rb"'shape': \((?P<rows>\d{1,15}), (?P<columns>\d{1,15})\), \} *\n"

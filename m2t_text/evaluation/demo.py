@@ -12,7 +12,7 @@ import numpy as np
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.pipeline import describe_log
 from m2t_text.plotting.canvas import walls_of
 from m2t_text.plotting.pictures import Visit, plot_match, plot_overview

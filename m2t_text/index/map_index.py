@@ -126,7 +126,7 @@ class MapIndex:
         Args:
             source: see `open_source`. The ground truth of a log is not used.
             jobs: processes that describe maps.
-            progress: is told (stage, done, all).
+            progress: called with (stage, done, total).
 
         Raises:
             SourceError: if there is no map in it.
@@ -197,7 +197,7 @@ class MapIndex:
                 writer.remove(name)
 
     def optimize(self, progress: Callable[[int, int], None] | None = None) -> None:
-        """Merges all segments into one without deletions; ``progress`` is told maps done, and all."""
+        """Merges all segments into one without deletions; ``progress`` is called with (maps done, total)."""
         maps = len(self)
         with self.writer() as writer:
             writer.optimize = True

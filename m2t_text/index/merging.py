@@ -63,7 +63,7 @@ def merge(
         into: the folder of an index with these parameters; it is made if there is none.
         replace: where several hold a dataset of one name, take that of the last source. Without it this is an
             error, as one of them would be lost.
-        progress: is told (dataset, stage, maps done, all).
+        progress: called with (dataset, stage, maps done, total).
 
     Raises:
         MapIndexError: if the request cannot be met; nothing is written then.

@@ -159,7 +159,7 @@ def schema_columns() -> dict[str, Column]:
 def to_fields(document: Document) -> dict[str, Any]:
     """What Whoosh's `add_document` takes; `from_record` gives the document back exactly.
 
-    The checksum is of all that the document holds. Merging copies it, so it tells of damage at any time since.
+    The checksum is of all that the document holds. Merging copies it, so it shows damage at any time since.
     """
     record = tuple(getattr(document, name) for name in np.dtype(RECORD).names or ())
     text, free = document.text, document.text.free

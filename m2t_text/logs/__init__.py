@@ -29,9 +29,9 @@ def read_log(
     """
     file = Path(path)
     if is_bag(file):
-        from m2t_text.logs.bag import read_bag
+        from m2t_text.logs.ros.bag import read_bag
 
         return read_bag(file, name, progress, options)
-    from m2t_text.logs.carmen import read_carmen
+    from m2t_text.logs.carmen.reading import read_carmen
 
     return read_carmen(file, name, progress, options)

@@ -78,7 +78,7 @@ def separate(lasers: Track, robots: Floats, wheels: Track, damaged: Floats, offs
 
 
 def from_wheels(scans: Track, wheels: Track, offset: float) -> Poses:
-    """The poses of scans that are written without any, by the odometry lines; `separate` tells of the rest."""
+    """The poses of scans that are written without any, by the odometry lines; `separate` handles the rest."""
     laser = np.array([offset, 0.0, 0.0])
     if len(wheels.lines) < 2:
         count = len(scans.lines)

@@ -64,12 +64,12 @@ class Query:
         """What ``MapIndex.search`` leaves out: maps of the same dataset within these metres of travel.
 
         Raises:
-            QueryError: if the query is a text alone, or a map that nobody drove.
+            QueryError: if the query is a text alone, or a map without a drive.
         """
         if metres is None:
             return None
         if self.document is None or not self.driven:
-            what = "a map that nobody drove" if self.document else "a text alone"
+            what = "a map without a drive" if self.document else "a text alone"
             raise QueryError(f"{what} has no travel to exclude; name the map by its id or by its log")
         return (self.document.dataset, self.document.middle, metres)
 

@@ -162,7 +162,7 @@ def distinct_views(sampler: Sampler, threads: int = 1, progress: Progress | None
     """Of all views few that stand for the others: no two from about one place show much the same.
 
     The views that see most come first, the first of equals. The same for any number of ``threads``.
-    ``progress`` is told (views looked at, all).
+    ``progress`` is called with (views done, total).
     """
     views = sampler.views()
     cells: list[Cells] = []

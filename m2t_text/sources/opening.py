@@ -64,7 +64,7 @@ class LogSource:
 
 @dataclass(frozen=True)
 class CloudSource:
-    """A point cloud: one map, which nobody drove."""
+    """A point cloud: one map without a trajectory."""
 
     cloud: "Cloud"
 
@@ -114,8 +114,8 @@ def open_source(
 ) -> Source:
     """Read a source by the reader of its ending; what has any other, and the folder of a bag, is a laser log.
 
-    ``progress`` is told (done, all). Raises SourceError with one line that says what is wrong, where, and what
-    to do.
+    ``progress`` is called with (done, total). Raises SourceError with one line that says what is wrong, where,
+    and what to do.
 
     Examples:
         >>> import m2t_text as m2t

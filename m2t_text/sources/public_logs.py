@@ -117,7 +117,7 @@ def fetch(
 
 
 def _host(mirror: str) -> str:
-    """The host of a mirror's address, which the one who waits for it is told."""
+    """The host of a mirror's address, which is shown while it is waited for."""
     with suppress(ValueError):  # brackets that hold no address
         address = urlsplit(mirror)
         if address.scheme in ("http", "https") and address.hostname:

@@ -24,7 +24,7 @@ FREE_UP_TO, OCCUPIED_FROM = 25, 65  # of 100; map_server's thresholds
 class SavedMap:
     """A saved map: one local map for each of the views that are sampled over its free space.
 
-    The number in a map's id counts the views. Nobody drove: there are no scans, and all travel is 0.
+    The number in a map's id counts the views. There is no drive: no scans, and all travel is 0.
     """
 
     name: str

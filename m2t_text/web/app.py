@@ -14,13 +14,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from m2t_text.errors import M2TError, MapIndexError, QueryError
-from m2t_text.web import replay
-from m2t_text.web.reading import ASSETS, Reading
-from m2t_text.web.receiving import Receiving
+from m2t_text.web.routes import replay
+from m2t_text.web.routes.reading import ASSETS, Reading
+from m2t_text.web.routes.receiving import Receiving
 from m2t_text.web.security import Access, Guard
 from m2t_text.web.served import NoIndexError
 from m2t_text.web.site import Site
-from m2t_text.web.uploads import BusyError
+from m2t_text.web.uploads.files import BusyError
 
 log = logging.getLogger("m2t_text.web")
 

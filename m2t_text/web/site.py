@@ -11,7 +11,7 @@ from starlette.requests import Request
 from m2t_text.config import PROFILES, Parameters
 from m2t_text.util.workers import cores
 from m2t_text.web.served import Committed, Library, NoIndexError
-from m2t_text.web.uploads import Uploads
+from m2t_text.web.uploads.files import Uploads
 
 Result = TypeVar("Result")
 

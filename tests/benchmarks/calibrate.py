@@ -23,7 +23,7 @@ from m2t_text.config import PROFILES
 from m2t_text.evaluation.protocol import APART, UNVISITED, GroundTruth, draw
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.pipeline import describe_log
 from m2t_text.recognition import verdict
 from m2t_text.recognition.finding import VERIFIED, verify_hits

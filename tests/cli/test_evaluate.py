@@ -15,7 +15,7 @@ from m2t_text.evaluation.judging import Judgement
 from m2t_text.evaluation.report import mean, methods, published, report
 from m2t_text.evaluation.run import Evaluation, Request, evaluate
 from m2t_text.logs import read_log
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.util.geometry import travel
 
 Call = Callable[..., tuple[int, str, str]]

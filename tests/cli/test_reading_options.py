@@ -6,7 +6,7 @@ import pytest
 from bags import Messages, Sent
 from calling import Call
 
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 
 READERS = ("index", "search", "inspect", "loops", "evaluate", "evaluate-map", "evaluate-loops")
 OPTIONS = ("--scan-topic", "--odometry-topic", "--name", "--laser-pose", "--upside-down", "--height")

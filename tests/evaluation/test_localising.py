@@ -12,7 +12,7 @@ from m2t_text.evaluation.metrics import pose_error
 from m2t_text.evaluation.saved_maps import Request, evaluate
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.saved_maps.occupancy_mapping import draw_map
 from m2t_text.saved_maps.writing import write_map
 from m2t_text.util.geometry import compose, transform
@@ -107,7 +107,7 @@ def test_a_log_may_have_the_name_of_a_saved_map(call: Call, floor: Path, second:
     [
         (
             ["search", "floor/000005", "--exclude-travel", "5"],
-            "a map that nobody drove has no travel to exclude",
+            "a map without a drive has no travel to exclude",
         ),
         (["search", "floor/000005", "--run", "3"], "--run cuts a run out of a log; 'floor/000005' is none"),
         (["search", "MAP"], "is a whole map; index it, and name one of its local maps"),

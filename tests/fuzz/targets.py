@@ -33,9 +33,9 @@ from m2t_text.index.integrity.check import check_index  # noqa: E402
 from m2t_text.index.map_index import MapIndex  # noqa: E402
 from m2t_text.index.writing.toc import DIGEST, LENGTH, SEAL  # noqa: E402
 from m2t_text.logs import LogOptions  # noqa: E402
-from m2t_text.logs.bag import assembled  # noqa: E402
-from m2t_text.logs.ros import Bag, Part, decoder  # noqa: E402
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen  # noqa: E402
+from m2t_text.logs.ros.bag import assembled  # noqa: E402
+from m2t_text.logs.ros.messages import Bag, Part, decoder  # noqa: E402
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen  # noqa: E402
 from m2t_text.recognition.finding import find  # noqa: E402
 from m2t_text.recognition.queries import Context, resolve  # noqa: E402
 from m2t_text.sources.opening import LogSource, Source, open_source  # noqa: E402

@@ -9,7 +9,7 @@ from bags import Messages, Sent
 
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.plotting.canvas import metres
 from m2t_text.util.geometry import transform
 

@@ -9,7 +9,7 @@ from m2t_text.config import PROFILES
 from m2t_text.errors import LogError, M2TError
 from m2t_text.live.survey import MOST, SPACING, LiveSurvey
 from m2t_text.logs.log import Log, Scan
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.local_map import LocalMap, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 

@@ -13,7 +13,7 @@ from m2t_text.live.localizer import DRIFT, SAME, Localizer, _agree, _Answer, _Ca
 from m2t_text.live.place import Place
 from m2t_text.live.survey import LiveSurvey
 from m2t_text.logs.log import Log
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.recognition.verdict import Assessment, Reason
 from m2t_text.sources.opening import LogSource
 from m2t_text.util.geometry import between, compose, inverse, wrap

@@ -17,7 +17,7 @@ from m2t_text.live.replay import PAUSE, replayed
 from m2t_text.live.session import Session
 from m2t_text.logs import read_log
 from m2t_text.logs.log import Log, Scan
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.trajectory import survey
 
 DEFAULT = PROFILES["default"]

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from m2t_text.errors import LogError
 from m2t_text.logs import Log, LogOptions, read_log
 from m2t_text.logs.log import ALONE
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.util.geometry import between, compose, inverse, transform, travel
 
@@ -434,7 +434,7 @@ def test_a_folder_of_several_recordings_is_refused(drive: Log, tmp_path: Path) -
 def test_files_that_are_compressed_as_such_are_read(drive: Log, tmp_path: Path, kind: str, ending: str) -> None:
     from backports import zstd
 
-    from m2t_text.logs.simulator import write_carmen
+    from m2t_text.logs.simulation.simulator import write_carmen
 
     pack = {".gz": gzip.compress, ".bz2": bz2.compress, ".xz": lzma.compress}.get(ending, zstd.compress)
     short = replace(drive, scans=drive.scans[:5], ground_truth=None)

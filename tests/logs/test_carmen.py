@@ -13,7 +13,7 @@ from soundness import assert_sound_or_refused
 
 from m2t_text.errors import LogError, SourceError
 from m2t_text.logs import Log, read_log
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.util.geometry import between, compose, transform, travel, wrap
 from m2t_text.util.names import dataset_name
 

@@ -9,7 +9,7 @@ import pytest
 from m2t_text.errors import LogError
 from m2t_text.logs import Log, LogOptions, read_log
 from m2t_text.logs.log import ALONE
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.util.geometry import between, compose, travel
 
 BEAMS = 90

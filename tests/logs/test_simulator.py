@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 from m2t_text.errors import LogError
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.beams import half_circle
-from m2t_text.logs.building import build
-from m2t_text.logs.raycast import cast
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.building import build
+from m2t_text.logs.simulation.raycast import cast
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.util.geometry import between, compose, transform, travel, wrap
 

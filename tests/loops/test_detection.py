@@ -11,7 +11,7 @@ from m2t_text.errors import LogError
 from m2t_text.evaluation.loops import assess, trajectory_error
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.loops.detection import KEPT, Walk, walk
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import pose_graph

@@ -7,7 +7,7 @@ import pytest
 
 from m2t_text.config import PROFILES, MappingParameters
 from m2t_text.logs.log import Log, Scan
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.free_space import Beams, FreeScans, longest_reading
 from m2t_text.mapping.local_map import Survey, local_maps
 from m2t_text.mapping.trajectory import hits

@@ -7,7 +7,7 @@ import pytest
 
 from m2t_text.config import PROFILES, MappingParameters
 from m2t_text.logs import read_log
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.local_map import Survey, local_maps, occupied, run_starts
 from m2t_text.mapping.trajectory import refined_poses
 from m2t_text.pipeline import describe, view_text

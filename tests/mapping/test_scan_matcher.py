@@ -9,7 +9,7 @@ import pytest
 from m2t_text.logs import Log
 from m2t_text.logs.joining import joined, without_odometry
 from m2t_text.logs.log import Scan
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.normals import normals
 from m2t_text.mapping.scan_cloud import ScanCloud, scan_cloud
 from m2t_text.mapping.scan_matcher import ScanMatcher, _as_held

@@ -16,7 +16,7 @@ from m2t_text.errors import LogError, M2TError, QueryError, TextError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.snapshot import Snapshot
 from m2t_text.logs import read_log
-from m2t_text.logs.simulator import Simulation, simulate, write_carmen
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.mapping.scan_cloud import scan_points
 from m2t_text.recognition.queries import Context, Query, resolve
 from m2t_text.sources.opening import SourceOptions

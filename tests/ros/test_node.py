@@ -33,7 +33,7 @@ from std_srvs.srv import Empty, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from m2t_text import Log, MapIndex, Simulation, open_index, simulate
-from m2t_text.logs.building import build
+from m2t_text.logs.simulation.building import build
 from m2t_text.sources.opening import LogSource
 from m2t_text.util.geometry import between, compose, inverse
 

@@ -9,9 +9,9 @@ from scipy.spatial import KDTree
 
 from m2t_text.config import PROFILES
 from m2t_text.errors import MapFileError
-from m2t_text.logs.building import box
 from m2t_text.logs.log import Log, Scan
-from m2t_text.logs.raycast import cast
+from m2t_text.logs.simulation.building import box
+from m2t_text.logs.simulation.raycast import cast
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.pipeline import describe
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid

@@ -8,7 +8,7 @@ import pytest
 from m2t_text.evaluation.loops import trajectory_error
 from m2t_text.logs import Log
 from m2t_text.logs.joining import joined, without_odometry
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.loops.detection import Walk
 from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.slam.correction import Correction, correct

@@ -171,7 +171,7 @@ def test_a_cloud_of_three_dimensions_is_cut(call: Call, cloud: Path) -> None:
         (["search", "missing.pcd", "--index", "INDEX"], "missing.pcd does not exist"),
         (
             ["search", "room.xyz", "--index", "INDEX", "--exclude-travel", "3"],
-            "a map that nobody drove has no travel to exclude",
+            "a map without a drive has no travel to exclude",
         ),
         (["inspect", "room.xyz", "--height", "2", "1"], "--height takes two heights in metres"),
         (["inspect", "room.xyz", "--height", "2"], "--height"),

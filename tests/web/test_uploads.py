@@ -20,8 +20,8 @@ from m2t_text.logs import read_log
 from m2t_text.pipeline import describe_log
 from m2t_text.saved_maps.grid import Grid
 from m2t_text.saved_maps.writing import write_map
-from m2t_text.web import receiving
-from m2t_text.web.drives import SPACING, from_message, places_of, to_json
+from m2t_text.web.routes import receiving
+from m2t_text.web.uploads.drives import SPACING, from_message, places_of, to_json
 
 pytestmark = pytest.mark.page
 FOUND = Path(__file__).parents[1] / "fuzz" / "found"

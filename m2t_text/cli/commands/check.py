@@ -83,7 +83,7 @@ def _damage(checked: "Check") -> str:
     ]
     lost = f"{', '.join(hurt)} lost" if hurt else "no map lost"
     if not checked.legible:
-        lost = "nothing can be told of its maps"
+        lost = "nothing is known of its maps"
     return (
         f"the index in {checked.path} is damaged: {lost}; `m2t-text check --repair --index {checked.path}` "
         "rebuilds what can be rebuilt"

@@ -67,8 +67,8 @@ def simulate(
     m2t-text simulate office.log
     m2t-text simulate office.log.gz --seed 3 --travel 90
     """
-    from m2t_text.logs.simulator import Simulation, write_carmen
-    from m2t_text.logs.simulator import simulate as drive
+    from m2t_text.logs.simulation.simulator import Simulation, write_carmen
+    from m2t_text.logs.simulation.simulator import simulate as drive
 
     check_folder(out)
     with bars() as progress:

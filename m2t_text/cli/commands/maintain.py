@@ -1,5 +1,6 @@
 """Commands that keep things in order: fetch public logs; merge, remove and optimize what indexes hold."""
 
+import os
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -7,13 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from m2t_text.cli.compiling import compile_first
 from m2t_text.cli.completion import datasets as names
-from m2t_text.cli.console import bars, print_held, print_json, print_lines, print_table
+from m2t_text.cli.console import bars, note, print_held, print_json, print_lines, print_table
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, JsonOption
 from m2t_text.sources.public_logs import LOGS, SOURCE
 
 if TYPE_CHECKING:
     from m2t_text.index.map_index import MapIndex
+
+NICE = 5  # of a process that compiles beside another command
 
 
 def fetch(
@@ -163,3 +167,40 @@ def optimize(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) ->
 def _print_summary(index: "MapIndex", more: dict[str, object]) -> None:
     """What `info --json` prints of the index, and what was done."""
     print_json(index.info().to_json() | more)
+
+
+def warm_up(
+    purposes: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="PURPOSE",
+            help="describing, agreement, intersection, verification or sieving.",
+            show_default="all",
+        ),
+    ] = None,
+    beside: Annotated[bool, typer.Option("--beside", hidden=True)] = False,
+) -> None:
+    """Compile now what commands would compile when they are first used on this machine.
+
+    Once is enough for all users if the package's folder can be written now; later it need not be. Useful in the
+    image of a robot or of a container that runs on the same kind of processor.
+
+    [bold]Examples[/bold]
+
+    \b
+    m2t-text warm-up
+    RUN pip install m2t-text && m2t-text warm-up       in a Dockerfile
+    """
+    from m2t_text.util.compiled import Group, missing
+    from m2t_text.util.compiling import kernel_folder
+
+    names = [str(group) for group in Group]
+    for purpose in purposes or ():
+        if purpose not in names:
+            raise typer.BadParameter(f"{purpose!r} is none of {', '.join(names)}.")
+    groups = [Group(purpose) for purpose in purposes or names]
+    if beside and hasattr(os, "nice"):
+        os.nice(NICE)
+    if missing(groups):
+        compile_first(groups)
+    note(f"everything is compiled, in {kernel_folder()}")

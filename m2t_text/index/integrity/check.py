@@ -88,13 +88,13 @@ def check_index(folder: Path, progress: Progress | None = None) -> Check:
 
 
 def repair_index(folder: Path, seconds: float, progress: Progress | None = None) -> list[str]:
-    """Rebuilds what can be rebuilt of an index and removes the rest; tells of each step.
+    """Rebuilds what can be rebuilt of an index and removes the rest; reports each step.
 
     Args:
         seconds: to wait for another writer.
 
     Raises:
-        MapIndexError: if nothing can be told of the maps, or the disk refuses.
+        MapIndexError: if nothing is known of the maps, or the disk refuses.
     """
     storage = MapStorage(folder)
     if generation(storage) < 0:
@@ -158,7 +158,7 @@ def _repair_tables(storage: MapStorage) -> list[str]:
     sound = [name for name in names if _check_table(storage, name)[1].problem is None]
     if not sound:
         raise MapIndexError(
-            f"the table of contents of {storage.path} is damaged, and so is its copy: nothing can be told of "
+            f"the table of contents of {storage.path} is damaged, and so is its copy: nothing is known of "
             "its maps; index the logs again into another folder"
         )
     done = []
@@ -172,7 +172,7 @@ def _repair_tables(storage: MapStorage) -> list[str]:
 
 
 def _told_of(segment: MapSegment, found: Counter[str]) -> list[str]:
-    """What to tell of the maps that could not be rebuilt."""
+    """The message about maps that could not be rebuilt."""
     lost = Counter(segment.maps) - found
     return [
         f"removed {count:,} of {segment.maps[name]:,} maps of {name}; index its log again to have them back"

@@ -1,7 +1,7 @@
 """A map as windows on a grid, compiled: what lies near eight by eight cells, in eight bytes from any place on.
 
 Rows of the grid run along x, a byte a cell, and eight cells are worked on at once. Bit j of the byte at (x, y)
-says whether cell (x, y + j) is taken; so the eight bytes from there on tell of eight cells in x and eight in y.
+says whether cell (x, y + j) is taken; so the eight bytes from there on cover eight cells in x and eight in y.
 """
 
 from typing import Any, NamedTuple
@@ -113,7 +113,7 @@ def _mark_coarse(x: Any, y: Any, size: Any, cells: Any, places: Any) -> Any:
 def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
     """Makes the windows of a map in which a group of the query's keypoints in cell g is looked up.
 
-    Cell g tells of keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
+    Cell g covers keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
     keypoint in g may come to lie under the offsets of a step, and a cell more on each side. The ``places``
     (>= size,) uint32 are room to work in.
     """

@@ -52,7 +52,7 @@ def _add_cells(table: Any, places: Any, count: Any, masks: Any, sums: Any) -> No
 def _add_windows(
     windows: Any, cells: Any, begin: Any, end: Any, move: Any, masks: Any, sums: Any, digit: Any
 ) -> None:
-    """Adds what the windows tell of the query's cells, moved by so many bytes; see `add_masks`."""
+    """Adds the bitmaps at the query's cells, moved by so many bytes; see `add_masks`."""
     for k in range(U(end - begin)):
         put(masks, k, gathered(windows, cells, U(begin) + k, move))
     add_masks(masks, end - begin, sums, digit)

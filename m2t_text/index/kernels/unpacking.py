@@ -59,6 +59,6 @@ def words_of(texts: Any, document: Any, count: Any, wa: Any) -> None:
         while k < end:
             wa[k] = word
             k += U(1)
-    while k < size:  # where a damaged index tells of too few
+    while k < size:  # where a damaged index holds too few
         wa[k] = 0
         k += U(1)

@@ -152,7 +152,7 @@ class MapWriter:
     def commit(self) -> None:
         """Makes all changes visible at once.
 
-        ``progress`` is told how many maps are in the new segment when old ones are merged into it.
+        ``progress`` is called with the number of maps in the new segment while old ones are merged into it.
         """
         policy = merge_all if self.optimize else merge_small
         with disk_errors(self._path):

@@ -50,7 +50,7 @@ def _take_in(writer: Any, segment: Any, progress: Callable[[int], None] | None) 
 
 
 class _WatchedReader(SegmentReader):
-    """A reader that tells of each document that is copied from it."""
+    """A reader that reports each document copied from it."""
 
     watch: Callable[[], None] | None = None
 

@@ -14,10 +14,10 @@ from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import M2TError, QueryError, SourceError
 from m2t_text.util.names import ENDINGS, SAVED_MAPS, dataset_name
-from m2t_text.web.drives import from_message
 from m2t_text.web.naming import UPLOAD
-from m2t_text.web.parsing import Job, check_image
-from m2t_text.web.readers import Process, Readers, end, listen
+from m2t_text.web.uploads.drives import from_message
+from m2t_text.web.uploads.parsing import Job, check_image
+from m2t_text.web.uploads.processes import Process, Readers, end, listen
 
 AT_ONCE = 2  # files that are received or read
 KEPT = 8  # uploads; the oldest goes when one more comes

@@ -13,9 +13,9 @@ from starlette.responses import JSONResponse, Response
 
 from m2t_text import __version__
 from m2t_text.errors import QueryError
-from m2t_text.web import answers
 from m2t_text.web.asking import MOST, Search, whole, words
-from m2t_text.web.openapi import document as openapi
+from m2t_text.web.routes import answers
+from m2t_text.web.routes.openapi import document as openapi
 from m2t_text.web.served import Committed, NoIndexError
 from m2t_text.web.site import Site
 

@@ -16,10 +16,10 @@ from m2t_text.config import Parameters
 from m2t_text.errors import QueryError
 from m2t_text.util.workers import cores
 from m2t_text.web.asking import whole
-from m2t_text.web.replay import Drive, IndexedDrive, UploadedDrive, looked_up
+from m2t_text.web.routes.replay import Drive, IndexedDrive, UploadedDrive, looked_up
 from m2t_text.web.served import Committed
 from m2t_text.web.site import Site
-from m2t_text.web.uploads import BYTES, Upload
+from m2t_text.web.uploads.files import BYTES, Upload
 from m2t_text.web.walls import walls_and_places
 
 

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.errors import LogError, PartError, clean
-from m2t_text.logs.clocks import Stream, settled
-from m2t_text.logs.frames import mounting, planar
 from m2t_text.logs.leaps import stands
 from m2t_text.logs.log import ALONE, Log, LogOptions, Scan
-from m2t_text.logs.merging import merged
-from m2t_text.logs.placing import Laser, placed, scans_of
-from m2t_text.logs.point_scans import BAND, is_cut, scan_of
-from m2t_text.logs.recording import Recording, Sweep, stream_of
-from m2t_text.logs.ros import POINTS, Bag, open_bag
-from m2t_text.logs.topics import Chosen, choose, listed
+from m2t_text.logs.ros.clocks import Stream, settled
+from m2t_text.logs.ros.frames import mounting, planar
+from m2t_text.logs.ros.merging import merged
+from m2t_text.logs.ros.messages import POINTS, Bag, open_bag
+from m2t_text.logs.ros.placing import Laser, placed, scans_of
+from m2t_text.logs.ros.point_scans import BAND, is_cut, scan_of
+from m2t_text.logs.ros.recording import Recording, Sweep, stream_of
+from m2t_text.logs.ros.topics import Chosen, choose, listed
 from m2t_text.util.files import is_folder, shown
 from m2t_text.util.names import alike, bag_files, checked_name, dataset_name
 from m2t_text.util.types import Floats, Progress

@@ -42,7 +42,7 @@ class Readers:
 
 
 def _reader() -> Process:
-    command = [sys.executable, "-P", "-m", "m2t_text.web.parsing"]
+    command = [sys.executable, "-P", "-m", "m2t_text.web.uploads.parsing"]
     return Process(command, stdin=PIPE, stdout=PIPE, encoding="utf-8", start_new_session=True)
 
 

@@ -1,6 +1,6 @@
 """What is uploaded, read in a process of its own, whose time and memory are bounded.
 
-``python -m m2t_text.web.parsing`` gets one job as a line of JSON on its standard input, and writes one JSON
+``python -m m2t_text.web.uploads.parsing`` gets a job as a line of JSON on its standard input, and writes a JSON
 document a line to its standard output. It has nothing else of the server, and ends when its standard input
 does. What it reads may be anything, and nothing else is opened for it.
 """
@@ -21,13 +21,13 @@ from typing import Any
 from m2t_text.config import PROFILES, Parameters, from_dict
 from m2t_text.description.document import Document
 from m2t_text.errors import M2TError, MapFileError
-from m2t_text.logs.simulator import Simulation, simulate
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.saved_maps.header import read_header
 from m2t_text.sources.indexing import Request, index_sources
 from m2t_text.sources.opening import LogSource, SourceOptions, open_source
 from m2t_text.util.names import SAVED_MAPS
 from m2t_text.util.types import StageProgress
-from m2t_text.web.drives import places_of, to_json
+from m2t_text.web.uploads.drives import places_of, to_json
 
 MEMORY = 3 << 30  # bytes of address space beside what a process has when it begins
 SECONDS = 600  # of the processor

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from m2t_text.errors import PartError
-from m2t_text.logs.clocks import Stream
+from m2t_text.logs.ros.clocks import Stream
 from m2t_text.util.types import Floats
 
 STEADY = (

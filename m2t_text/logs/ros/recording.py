@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from m2t_text.errors import PartError
 from m2t_text.logs.beams import beams_in_a_turn
-from m2t_text.logs.clocks import Stream
-from m2t_text.logs.frames import Frames, planar, rigid
 from m2t_text.logs.lines import Damage
-from m2t_text.logs.point_scans import cloud_points
 from m2t_text.logs.readings import bearings, returned
-from m2t_text.logs.ros import ECHOES, LASER, ODOMETRY, POINTS, TRANSFORMS, Message
+from m2t_text.logs.ros.clocks import Stream
+from m2t_text.logs.ros.frames import Frames, planar, rigid
+from m2t_text.logs.ros.messages import ECHOES, LASER, ODOMETRY, POINTS, TRANSFORMS, Message
+from m2t_text.logs.ros.point_scans import cloud_points
 from m2t_text.util.types import Floats
 
 Reduce = Callable[[Floats, str], tuple[Floats, Floats]]  # points and their frame to ranges and angles

@@ -207,7 +207,7 @@ def _part(path: Path) -> Iterator[Part]:
             f"{shown(path)} is a ROS bag, which takes the package rosbags: pip install rosbags"
         ) from error
     with opened(path / "metadata.yaml" if is_folder(path) else path, LogError):
-        pass  # what is wrong with the file as such is told as for any other
+        pass  # a file that is broken as such is reported as any other
     with ExitStack() as stack:
         try:
             plain = path if is_folder(path) else stack.enter_context(unpacked_file(path))

@@ -8,7 +8,7 @@ import numpy as np
 
 from m2t_text.errors import LogError, PartError, clean
 from m2t_text.logs.beams import upside_down
-from m2t_text.logs.carmen_lines import Laser, Messages, read_messages
+from m2t_text.logs.carmen.lines import Laser, Messages, read_messages
 from m2t_text.logs.leaps import stands
 from m2t_text.logs.log import ALONE, Log, LogOptions, Scan
 from m2t_text.logs.odometry import Poses, Track, from_wheels, separate

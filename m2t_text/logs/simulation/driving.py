@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.random import Generator
 
-from m2t_text.logs.building import box
+from m2t_text.logs.simulation.building import box
 from m2t_text.util.geometry import travel, wrap
 from m2t_text.util.types import Floats
 

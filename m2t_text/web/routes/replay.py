@@ -7,10 +7,10 @@ import numpy as np
 from m2t_text.description.document import Document
 from m2t_text.recognition.answer import SearchOptions, answer
 from m2t_text.recognition.queries import Query
-from m2t_text.web.drives import SPACING
 from m2t_text.web.naming import UPLOAD
 from m2t_text.web.served import Committed
-from m2t_text.web.uploads import Upload
+from m2t_text.web.uploads.drives import SPACING
+from m2t_text.web.uploads.files import Upload
 
 OTHER_VISITS = 10.0  # m; of a drive that is in the index, maps nearer by travel are the same visit
 TOP = 3  # hits told of each place

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from m2t_text.errors import PartError
 from m2t_text.logs.log import LogOptions
-from m2t_text.logs.ros import ECHOES, LASER, ODOMETRY, POINTS, TRANSFORMS
+from m2t_text.logs.ros.messages import ECHOES, LASER, ODOMETRY, POINTS, TRANSFORMS
 
 SCANS = (LASER, ECHOES, POINTS)  # the better first
 NONE = "none"  # given for a topic of odometry

@@ -10,11 +10,11 @@ from numpy.random import Generator
 
 from m2t_text.errors import LogError
 from m2t_text.logs.beams import half_circle
-from m2t_text.logs.building import SHORTEST, Building, build
-from m2t_text.logs.driving import drive, part_of_tour, walks
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.odometry import chain
-from m2t_text.logs.raycast import cast
+from m2t_text.logs.simulation.building import SHORTEST, Building, build
+from m2t_text.logs.simulation.driving import drive, part_of_tour, walks
+from m2t_text.logs.simulation.raycast import cast
 from m2t_text.util.files import shown, written_whole
 from m2t_text.util.geometry import between, compose, travel
 from m2t_text.util.types import Floats, Progress
@@ -53,7 +53,7 @@ class Simulation:
 def simulate(parameters: Simulation, progress: Progress | None = None) -> Log:
     """The log of a drive, with ground truth. The same parameters make the same log.
 
-    ``progress`` is told (scans done, all).
+    ``progress`` is called with (scans done, total).
 
     Raises LogError if the building would be too short, the laser have fewer than 2 beams, or nothing be left
     of the tour.

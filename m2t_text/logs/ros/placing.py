@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.logs.beams import upside_down
-from m2t_text.logs.clocks import Timed
 from m2t_text.logs.leaps import joined
 from m2t_text.logs.log import Scan
 from m2t_text.logs.odometry import Track, interpolate
-from m2t_text.logs.recording import Sweep
 from m2t_text.logs.returns import no_returns, told, without
+from m2t_text.logs.ros.clocks import Timed
+from m2t_text.logs.ros.recording import Sweep
 from m2t_text.util.types import Floats
 
 OUTSIDE = 0.1  # s before the first odometry or after the last at which a scan is taken to be at its pose

@@ -12,7 +12,7 @@ from hypothesis import settings
 
 if TYPE_CHECKING:
     from m2t_text.logs import Log
-    from m2t_text.loops.detection import Walk
+    from m2t_text.loops.detection import LoopDetection
 
 # The same examples on every machine; `pytest --hypothesis-profile=default` looks for others.
 settings.register_profile("same", derandomize=True, deadline=None)
@@ -45,10 +45,10 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an index of that drive; not to be changed."""
-    from m2t_text.sources.indexing import Request, index_sources
+    from m2t_text.sources.indexing import IndexRequest, index_sources
 
     path = tmp_path_factory.mktemp("indexes") / "drive"
-    index_sources(Request([simulated], path))
+    index_sources(IndexRequest([simulated], path))
     return path
 
 
@@ -70,10 +70,10 @@ def drive(circuit: Path) -> "Log":
 
 
 @pytest.fixture(scope="session")
-def walked(drive: "Log") -> "Walk":
-    from m2t_text.loops.detection import walk
+def detection(drive: "Log") -> "LoopDetection":
+    from m2t_text.loops.detection import detect_loops
 
-    return walk(drive)
+    return detect_loops(drive)
 
 
 @pytest.fixture

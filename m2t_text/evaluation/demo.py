@@ -19,7 +19,7 @@ from m2t_text.plotting.pictures import Visit, plot_match, plot_overview
 from m2t_text.recognition.answer import Answer, SearchOptions, search
 from m2t_text.recognition.finding import find
 from m2t_text.recognition.queries import Query
-from m2t_text.sources.indexing import Request, index_sources
+from m2t_text.sources.indexing import IndexRequest, index_sources
 from m2t_text.util.files import make_folder
 from m2t_text.util.geometry import transform
 from m2t_text.util.types import Floats, SourceProgress
@@ -83,7 +83,7 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: SourceProgress) -> De
     """
     make_folder(folder)
     first, second = _drives(folder, seed, progress)
-    index_sources(Request([folder / f"{first.name}.log"], folder / "index", jobs=jobs), progress)
+    index_sources(IndexRequest([folder / f"{first.name}.log"], folder / "index", jobs=jobs), progress)
     index = MapIndex.open(folder / "index")
     queries = list(_apart(describe_log(second, index.parameters, jobs, partial(progress, second.name))))
     find(index, Query.of(queries[0]))  # the first search of a process loads the compiled code; it is not timed

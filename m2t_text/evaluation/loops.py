@@ -11,7 +11,7 @@ import numpy as np
 
 from m2t_text.errors import LogError
 from m2t_text.evaluation.relations import RelationErrors, Relations, published, relation_errors
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.graph import pose_graph
 from m2t_text.slam.correction import constraints_of, correct
 from m2t_text.slam.optimisation import optimise
@@ -56,21 +56,24 @@ class Assessment:
 
 
 def assess(
-    walked: Walk, relations: Relations | None = None, jobs: int = 1, progress: StageProgress | None = None
+    detection: LoopDetection,
+    relations: Relations | None = None,
+    jobs: int = 1,
+    progress: StageProgress | None = None,
 ) -> Assessment:
-    """Corrects and judges one walk.
+    """Corrects and judges one detection.
 
     Raises LogError if there is nothing to judge by: its log has no corrected poses, and there are no relations.
     """
-    log, truth = walked.log, walked.log.ground_truth
+    log, truth = detection.log, detection.log.ground_truth
     if truth is None and relations is None:
         raise LogError(
             f"{log.name} has no ground truth to judge by: name a log with corrected poses, or --relations"
         )
-    graph = pose_graph(walked)
+    graph = pose_graph(detection)
     edges = constraints_of([*graph.steps, *graph.loops], robust=False)
     looped = optimise(graph.vertices, edges)[: graph.scans]
-    corrected = correct(walked, jobs, progress).trajectory
+    corrected = correct(detection, jobs, progress).trajectory
     poses = (log.odometry, graph.vertices[: graph.scans], looped, corrected)
     trajectories = dict(zip(STAGES, poses, strict=True))
     absolute, relative, wrong = {}, {}, None

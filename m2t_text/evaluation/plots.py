@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from m2t_text.evaluation.examples import Pair
 from m2t_text.evaluation.judging import column
-from m2t_text.evaluation.run import Evaluated, Evaluation
+from m2t_text.evaluation.run import EvaluatedLog, Evaluation
 from m2t_text.plotting.canvas import (
     FIRST,
     HIT,
@@ -49,7 +49,7 @@ def plot_all(evaluation: Evaluation, folder: Path) -> list[Path]:
     return [folder / name for name in figures]
 
 
-def ranks_figure(datasets: Sequence[Evaluated]) -> Figure:
+def ranks_figure(datasets: Sequence[EvaluatedLog]) -> Figure:
     """Of each dataset the queries' normalised ranks in ascending order, by method (paper, Fig. 6)."""
     columns = min(3, len(datasets))
     rows = ceil(len(datasets) / columns)
@@ -72,7 +72,7 @@ def ranks_figure(datasets: Sequence[Evaluated]) -> Figure:
     return figure
 
 
-def map_figure(evaluated: Evaluated) -> Figure:
+def map_figure(evaluated: EvaluatedLog) -> Figure:
     """The walls and the drive by the ground truth, and each query in the colour of its rank (paper, Fig. 3)."""
     assert evaluated.log.ground_truth is not None
     walls, way = walls_of(evaluated.log, evaluated.log.ground_truth), evaluated.log.ground_truth[:, :2]

@@ -10,7 +10,7 @@ import numpy as np
 from m2t_text.evaluation.judging import METHODS, Judgement, column
 from m2t_text.evaluation.metrics import median, recall, verdicts
 from m2t_text.evaluation.protocol import LIMITS, RIGHT
-from m2t_text.evaluation.run import Evaluated, Evaluation
+from m2t_text.evaluation.run import EvaluatedLog, Evaluation
 from m2t_text.util.types import Floats
 
 # ANR of BoW and M2T in percent (paper, Table I), by what the name of the log begins with.
@@ -43,7 +43,7 @@ def report(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def _dataset(one: Evaluated) -> dict[str, Any]:
+def _dataset(one: EvaluatedLog) -> dict[str, Any]:
     return {
         "dataset": one.log.name,
         "scans": len(one.log.scans),

@@ -25,7 +25,7 @@ from m2t_text.util.types import SourceProgress
 
 
 @dataclass(frozen=True)
-class Request:
+class EvaluationRequest:
     """What to evaluate, and how.
 
     Attributes:
@@ -46,7 +46,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class EvaluatedLog:
     """One dataset: its log, the truth about its maps, what became of each query, and two pairs to look at.
 
     Attributes:
@@ -69,10 +69,10 @@ class Evaluation:
     """All datasets, in the order of their sources."""
 
     parameters: Parameters
-    datasets: list[Evaluated]
+    datasets: list[EvaluatedLog]
 
 
-def evaluate(request: Request, progress: SourceProgress | None = None) -> Evaluation:
+def evaluate(request: EvaluationRequest, progress: SourceProgress | None = None) -> Evaluation:
     """Evaluates each log by itself. Nothing is left on disk, and the same request gives the same figures.
 
     Raises:
@@ -112,7 +112,11 @@ def read_with_truth(path: Path, name: str, tell: SourceProgress, options: Source
 
 
 def _prepared(
-    log: Log, path: Path, parameters: Parameters, request: Request, tell: Callable[[str, int, int], None]
+    log: Log,
+    path: Path,
+    parameters: Parameters,
+    request: EvaluationRequest,
+    tell: Callable[[str, int, int], None],
 ) -> _Prepared:
     index = MapIndex.create(path, parameters)
     index.replace(log.name, describe_log(log, parameters, request.jobs, tell))
@@ -138,7 +142,9 @@ def _together(prepared: Sequence[_Prepared], path: Path, parameters: Parameters)
     return index
 
 
-def _evaluated(one: _Prepared, together: MapIndex | None, request: Request, tell: SourceProgress) -> Evaluated:
+def _evaluated(
+    one: _Prepared, together: MapIndex | None, request: EvaluationRequest, tell: SourceProgress
+) -> EvaluatedLog:
     stage = partial(tell, one.log.name)
     judgements = judge_all(
         one.index.path, one.truth, one.queries, request.jobs, partial(stage, "judging queries")
@@ -154,7 +160,7 @@ def _evaluated(one: _Prepared, together: MapIndex | None, request: Request, tell
         asked = [one.index.document(ids[k]) for k in one.queries]
         progress = partial(stage, "looking elsewhere")
         elsewhere = count_matches(together.path, asked, np.inf, request.jobs, progress)
-    return Evaluated(
+    return EvaluatedLog(
         log=one.log,
         travel=one.index.datasets()[0].travel,
         truth=one.truth,

@@ -29,7 +29,7 @@ from m2t_text.pipeline import describe
 from m2t_text.recognition.finding import find
 from m2t_text.recognition.queries import Query
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
-from m2t_text.saved_maps.occupancy_mapping import draw_map
+from m2t_text.saved_maps.occupancy_mapping import build_map
 from m2t_text.saved_maps.sampling import FEWEST
 from m2t_text.saved_maps.writing import write_map
 from m2t_text.sources.opening import SourceOptions, dataset_names
@@ -42,7 +42,7 @@ RIGHT = (0.5, np.radians(5.0))  # m and rad by which a right pose may err
 
 
 @dataclass(frozen=True)
-class Request:
+class MapEvaluationRequest:
     """What to evaluate, and how.
 
     Attributes:
@@ -80,7 +80,7 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class EvaluatedMap:
     """One log: the map of its first half, how many local maps were sampled there, and all queries' fates."""
 
     name: str
@@ -115,7 +115,7 @@ class Evaluated:
         }
 
 
-def evaluate(request: Request, progress: SourceProgress | None = None) -> list[Evaluated]:
+def evaluate(request: MapEvaluationRequest, progress: SourceProgress | None = None) -> list[EvaluatedMap]:
     """Evaluates each log by itself; the same request gives the same figures.
 
     Raises:
@@ -130,12 +130,12 @@ def evaluate(request: Request, progress: SourceProgress | None = None) -> list[E
 
 
 def _evaluated(
-    log: Log, folder: Path, parameters: Parameters, request: Request, tell: SourceProgress
-) -> Evaluated:
+    log: Log, folder: Path, parameters: Parameters, request: MapEvaluationRequest, tell: SourceProgress
+) -> EvaluatedMap:
     assert log.ground_truth is not None
     way = travel(log.ground_truth)
     half = int(np.searchsorted(way, way[-1] / 2, side="right"))
-    grid = draw_map(log, log.ground_truth, np.arange(half))
+    grid = build_map(log, log.ground_truth, np.arange(half))
     path = (request.folder or folder) / f"{log.name}-map.yaml"
     write_map(grid, path)
     index = MapIndex.create(folder / log.name, parameters)
@@ -151,11 +151,11 @@ def _evaluated(
     if not placed:
         share = f"{request.covered:.0%}"
         raise LogError(f"{log.name}: the map of its first half covers {share} of no run of its second half")
-    return Evaluated(log.name, grid, len(index), placed)
+    return EvaluatedMap(log.name, grid, len(index), placed)
 
 
 def _queries(
-    log: Log, whole: Survey, half: int, grid: Grid, parameters: Parameters, request: Request
+    log: Log, whole: Survey, half: int, grid: Grid, parameters: Parameters, request: MapEvaluationRequest
 ) -> Iterator[Document]:
     """Runs of the scans from ``half`` on that the map covers, in a random order."""
     assert log.ground_truth is not None

@@ -1,4 +1,4 @@
-"""A drive walked against its own past, or against an index: the whole method in one place."""
+"""A drive detection against its own past, or against an index: the whole method in one place."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -25,13 +25,13 @@ KEPT = 0.5  # m of travel between the maps of the past; nearer ones show the sam
 
 
 @dataclass(frozen=True)
-class Walk:
-    """What came of a walk.
+class LoopDetection:
+    """What came of a detection.
 
     Attributes:
         log: the drive.
         survey: its trajectory before any loop.
-        index: folder of the index that it was walked against; None for its own past.
+        index: folder of the index that it was detection against; None for its own past.
         queries: number of maps that were looked up.
         loops, refused, waiting: what became of the matches; see `Gate`.
         drifts: by dataset, the trajectories that loops lead to; the drive's own always.
@@ -54,10 +54,12 @@ class Walk:
         return len(self.loops) + len(self.refused) + len(self.waiting)
 
 
-def walk(log: Log, index: MapIndex | None = None, jobs: int = 1, progress: StageProgress | None = None) -> Walk:
+def detect_loops(
+    log: Log, index: MapIndex | None = None, jobs: int = 1, progress: StageProgress | None = None
+) -> LoopDetection:
     """The loops of a drive: with its own past, or with the maps of an index and the past that it holds.
 
-    Each loop follows from the scans up to its ``known`` alone: the walk of a log that ends there finds it too.
+    Each loop follows from the scans up to its ``known`` alone: the loops of a log that ends there finds it too.
 
     Raises:
         LogError: if the robot travels less than one map takes, or the index holds another log of this name.
@@ -82,7 +84,7 @@ def walk(log: Log, index: MapIndex | None = None, jobs: int = 1, progress: Stage
             gate.offer(places.loop(candidate))
     path = index.path if index else None
     verdicts = (gate.loops, gate.refused, gate.waiting)
-    return Walk(log, whole, path, len(queries), *verdicts, places.drifts, places.maps)
+    return LoopDetection(log, whole, path, len(queries), *verdicts, places.drifts, places.maps)
 
 
 def _check(log: Log, index: MapIndex) -> None:
@@ -121,8 +123,8 @@ class _Places:
             place, begin = self._middle(found)
         else:
             place, begin = self._ranked(found), np.zeros(3)
-        pose = exact(compose(begin, found.viewpoint)).then(candidate.pose)
-        pose = pose.then(exact(inverse(compose(first, query.viewpoint))))
+        pose = exact(compose(begin, found.viewpoint)).compose(candidate.pose)
+        pose = pose.compose(exact(inverse(compose(first, query.viewpoint))))
         return Loop(scan, found.dataset, place, pose, candidate, query.last_scan)
 
     def _middle(self, document: Document) -> tuple[int, Floats]:

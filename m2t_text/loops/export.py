@@ -8,7 +8,7 @@ import numpy as np
 
 from m2t_text.errors import M2TError
 from m2t_text.logs.log import Log
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import Edge, PoseGraph
 from m2t_text.util.files import written_whole
@@ -27,9 +27,9 @@ def _edge(edge: Edge) -> str:
     return f"EDGE_SE2 {edge.start} {edge.end} {_row(edge.pose.pose)} {_row(upper)}"
 
 
-def to_tum(walk: Walk) -> str:
+def to_tum(detection: LoopDetection) -> str:
     """The trajectory before any loop; see `tum_lines`."""
-    return tum_lines(walk.log, walk.survey.trajectory)
+    return tum_lines(detection.log, detection.survey.trajectory)
 
 
 def tum_lines(log: Log, poses: Floats) -> str:
@@ -48,18 +48,18 @@ def _tum(times: np.ndarray, poses: np.ndarray) -> Iterator[str]:
         yield f"{time:.6f} {_row([x, y, 0.0, 0.0, 0.0, np.sin(theta / 2), np.cos(theta / 2)])}"
 
 
-def to_json(walk: Walk, graph: PoseGraph) -> dict[str, Any]:
+def to_json(detection: LoopDetection, graph: PoseGraph) -> dict[str, Any]:
     """The document of ``loops --json``."""
     return {
-        "dataset": walk.log.name,
-        "index": None if walk.index is None else str(walk.index),
+        "dataset": detection.log.name,
+        "index": None if detection.index is None else str(detection.index),
         "scans": graph.scans,
-        "travel": float(walk.survey.way[-1]),
-        "queries": walk.queries,
-        "matches": walk.matches,
-        "refused": len(walk.refused),
-        "waiting": len(walk.waiting),
-        "loops": [_loop(loop, edge) for loop, edge in zip(walk.loops, graph.loops, strict=True)],
+        "travel": float(detection.survey.way[-1]),
+        "queries": detection.queries,
+        "matches": detection.matches,
+        "refused": len(detection.refused),
+        "waiting": len(detection.waiting),
+        "loops": [_loop(loop, edge) for loop, edge in zip(detection.loops, graph.loops, strict=True)],
         "maps": [{"vertex": graph.scans + k, "map_id": map_id} for k, map_id in enumerate(graph.maps)],
     }
 

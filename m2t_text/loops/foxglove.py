@@ -1,4 +1,4 @@
-"""A walk as messages that Foxglove shows: one file with map, trajectory, loops and refusals as time goes on.
+"""Loops as messages that Foxglove shows: one file with map, trajectory, loops and refusals as time goes on.
 
 The messages are Foxglove's own schemas as JSON, so that nothing of ROS is needed to show them.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from m2t_text import __version__
 from m2t_text.errors import M2TError
 from m2t_text.logs.log import Log
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import PoseGraph
 from m2t_text.plotting.canvas import walls_of
@@ -72,7 +72,7 @@ def check_mcap() -> None:
         raise M2TError("--mcap takes one more package: pip install 'm2t-text[mcap]'") from error
 
 
-def write_mcap(walk: Walk, graph: PoseGraph, path: Path) -> None:
+def write_mcap(detection: LoopDetection, graph: PoseGraph, path: Path) -> None:
     """Writes the file whole or not at all.
 
     Raises:
@@ -90,7 +90,7 @@ def write_mcap(walk: Walk, graph: PoseGraph, path: Path) -> None:
                 schema = json.dumps({"type": "object", "properties": SCHEMAS[name]}).encode()
                 number = writer.register_schema(name, "jsonschema", schema)
                 channels[topic] = writer.register_channel(topic, "json", number)
-            for message in messages(walk, graph):
+            for message in messages(detection, graph):
                 body = json.dumps(message.body, allow_nan=False).encode()
                 writer.add_message(channels[message.topic], message.time, body, message.time)
             writer.finish()
@@ -98,18 +98,21 @@ def write_mcap(walk: Walk, graph: PoseGraph, path: Path) -> None:
         raise M2TError(f"cannot write {str(path)!r}: {error.strerror or error}") from error
 
 
-def messages(walk: Walk, graph: PoseGraph) -> "Iterator[_Message]":
-    """All messages of a walk in the order of time. A loop appears with the scan at which it is known."""
-    times = _times(walk.log)
+def messages(detection: LoopDetection, graph: PoseGraph) -> "Iterator[_Message]":
+    """All messages in the order of time. A loop appears with the scan at which it is known."""
+    times = _times(detection.log)
     poses = graph.vertices[: graph.scans]
-    yield _Message("/map", times[0], _cloud(times[0], walls_of(walk.log, poses)))
+    yield _Message("/map", times[0], _cloud(times[0], walls_of(detection.log, poses)))
     yield _Message("/trajectory", times[0], _path(times[0], poses))
     links = [
         ("/loops", loop.known, loop, (edge.start, edge.end), LOOP)
-        for loop, edge in zip(walk.loops, graph.loops, strict=True)
+        for loop, edge in zip(detection.loops, graph.loops, strict=True)
     ]
-    for topic, loops, colour in (("/refused", walk.refused, REFUSED), ("/waiting", walk.waiting, WAITING)):
-        links += [(topic, loop.known, loop, _ends(walk, loop), colour) for loop in loops]
+    for topic, loops, colour in (
+        ("/refused", detection.refused, REFUSED),
+        ("/waiting", detection.waiting, WAITING),
+    ):
+        links += [(topic, loop.known, loop, _ends(detection, loop), colour) for loop in loops]
     links.sort(key=lambda link: link[1])
     shown = 0
     for scan, time in enumerate(times):
@@ -120,9 +123,9 @@ def messages(walk: Walk, graph: PoseGraph) -> "Iterator[_Message]":
             shown += 1
 
 
-def _ends(walk: Walk, loop: Loop) -> tuple[int, int]:
+def _ends(detection: LoopDetection, loop: Loop) -> tuple[int, int]:
     """The scans that a loop joins; of one to another dataset, which is laid nowhere, its own scan twice."""
-    return (loop.place if loop.dataset == walk.log.name else loop.scan, loop.scan)
+    return (loop.place if loop.dataset == detection.log.name else loop.scan, loop.scan)
 
 
 def _times(log: Log) -> list[int]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from m2t_text.loops.lookup import Candidate
-from m2t_text.loops.uncertainty import Drift, Uncertain
+from m2t_text.loops.uncertainty import Drift, PoseWithCovariance
 
 GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand: 3 degrees of freedom
 LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match:
@@ -41,7 +41,7 @@ class Loop:
     scan: int
     dataset: str
     place: int
-    pose: Uncertain
+    pose: PoseWithCovariance
     candidate: Candidate
     known: int
 
@@ -99,13 +99,13 @@ class Gate:
             self._of[loop.dataset].append(sure)
         return bool(together)
 
-    def _contradicts(self, ways: Uncertain, one: Loop) -> bool:
+    def _contradicts(self, ways: PoseWithCovariance, one: Loop) -> bool:
         """Whether most of the tightest ways (W, 3) lead elsewhere than a match says."""
         if not len(ways.pose):
             return False
         order = np.argsort(ways.reach, kind="stable")[:VOTES]
         order = order[ways.reach[order] <= TIGHT * ways.reach[order[0]]]
-        tight = Uncertain(ways.pose[order], ways.covariance[order])
+        tight = PoseWithCovariance(ways.pose[order], ways.covariance[order])
         return bool((tight.distance(one.pose) > GATE).mean() >= 0.5)
 
     def _agreeing(self, one: Loop) -> list[Loop]:
@@ -123,17 +123,17 @@ class Gate:
         ways = self._by_way_of(others, loop)
         return bool((ways.distance(loop.pose) <= GATE).all() and (ways.reach <= LOOSE).all())
 
-    def _ways(self, loop: Loop) -> Uncertain:
+    def _ways(self, loop: Loop) -> PoseWithCovariance:
         """(W, 3) where a loop's scan lies as seen from its place, by the trajectory and by other loops."""
         ways = self._by_way_of(self._of[loop.dataset], loop)
         if loop.dataset != self._drive:
             return ways
         direct = self._drifts[self._drive].relative(loop.place, np.array([loop.scan]))
-        return Uncertain(
+        return PoseWithCovariance(
             np.concatenate([direct.pose, ways.pose]), np.concatenate([direct.covariance, ways.covariance])
         )
 
-    def _by_way_of(self, others: Sequence[Loop], loop: Loop) -> Uncertain:
+    def _by_way_of(self, others: Sequence[Loop], loop: Loop) -> PoseWithCovariance:
         """(W, 3) where a loop's scan lies as seen from its place: by another loop's place and its scan."""
         places = np.array([other.place for other in others], dtype=np.int64)
         scans = np.array([other.scan for other in others], dtype=np.int64)
@@ -141,7 +141,7 @@ class Gate:
         covariances = np.array([other.pose.covariance for other in others]).reshape(-1, 3, 3)
         there = self._drifts[loop.dataset].relative(loop.place, places)
         back = self._drifts[self._drive].relative(scans, loop.scan)
-        return there.then(Uncertain(poses, covariances)).then(back)
+        return there.compose(PoseWithCovariance(poses, covariances)).compose(back)
 
 
 def _runs(loops: Sequence[Loop]) -> int:

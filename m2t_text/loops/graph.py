@@ -1,11 +1,11 @@
-"""The pose graph of a walk: what an optimiser needs to correct the trajectory."""
+"""The pose graph of a detection: what an optimiser needs to correct the trajectory."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from m2t_text.loops.detection import Walk
-from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.loops.detection import LoopDetection
+from m2t_text.loops.uncertainty import PoseWithCovariance
 from m2t_text.util.geometry import compose, inverse
 from m2t_text.util.types import Floats
 
@@ -16,7 +16,7 @@ class Edge:
 
     start: int
     end: int
-    pose: Uncertain
+    pose: PoseWithCovariance
 
     @property
     def information(self) -> Floats:
@@ -33,7 +33,7 @@ class PoseGraph:
         scans: number of vertices that are scans.
         maps: ids of the maps that the others are.
         steps: between consecutive scans, and between consecutive maps of one other dataset.
-        loops: one for each of the walk's loops, in their order.
+        loops: one for each of the detection's loops, in their order.
     """
 
     vertices: Floats
@@ -43,17 +43,17 @@ class PoseGraph:
     loops: list[Edge]
 
 
-def pose_graph(walk: Walk) -> PoseGraph:
+def pose_graph(detection: LoopDetection) -> PoseGraph:
     """The graph of a drive and its loops. A map of another dataset is a vertex if a loop leads to it; each such
     dataset is laid where its first loop puts it."""
-    ours = walk.drifts[walk.log.name]
+    ours = detection.drifts[detection.log.name]
     count = len(ours.trajectory)
     vertices, maps = [ours.trajectory], []
     scans = np.arange(count)
     steps = _chain(scans, ours.relative(scans[:-1], scans[1:]))
-    number = {(walk.log.name, scan): scan for scan in range(count)}
-    for name in sorted(walk.maps):
-        theirs, found = walk.drifts[name], [loop for loop in walk.loops if loop.dataset == name]
+    number = {(detection.log.name, scan): scan for scan in range(count)}
+    for name in sorted(detection.maps):
+        theirs, found = detection.drifts[name], [loop for loop in detection.loops if loop.dataset == name]
         places = np.unique([loop.place for loop in found]).astype(np.int64)
         if not found:
             continue
@@ -62,15 +62,15 @@ def pose_graph(walk: Walk) -> PoseGraph:
         numbers = np.arange(len(number), len(number) + len(places))
         number |= {(name, int(place)): int(n) for place, n in zip(places, numbers, strict=True)}
         vertices.append(compose(frame, theirs.trajectory[places]))
-        maps += [walk.maps[name][place] for place in places]
+        maps += [detection.maps[name][place] for place in places]
         steps += _chain(numbers, theirs.relative(places[:-1], places[1:]))
-    loops = [Edge(number[loop.dataset, loop.place], loop.scan, loop.pose) for loop in walk.loops]
+    loops = [Edge(number[loop.dataset, loop.place], loop.scan, loop.pose) for loop in detection.loops]
     return PoseGraph(np.concatenate(vertices), count, maps, steps, loops)
 
 
-def _chain(numbers: np.ndarray, motions: Uncertain) -> list[Edge]:
+def _chain(numbers: np.ndarray, motions: PoseWithCovariance) -> list[Edge]:
     """Edges between consecutive vertices."""
     return [
-        Edge(int(numbers[k]), int(numbers[k + 1]), Uncertain(motions.pose[k], motions.covariance[k]))
+        Edge(int(numbers[k]), int(numbers[k + 1]), PoseWithCovariance(motions.pose[k], motions.covariance[k]))
         for k in range(len(numbers) - 1)
     ]

@@ -11,7 +11,7 @@ from m2t_text.config import MappingParameters
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.search.query import NumberRange
-from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.loops.uncertainty import PoseWithCovariance
 from m2t_text.recognition.covariance import fit_covariance
 from m2t_text.recognition.finding import find
 from m2t_text.recognition.queries import Query as Sought
@@ -37,7 +37,7 @@ class Candidate:
     query: Document
     found: Document
     inlier_ratio: float
-    pose: Uncertain
+    pose: PoseWithCovariance
 
 
 def look_up(
@@ -67,7 +67,7 @@ def _find(index: MapIndex, query: Document) -> Candidate | None:
     assert alignment is not None
     mapping = index.parameters.mapping
     sought, seen = (Shape.of(document.text, mapping.cell) for document in (query, found))
-    pose = Uncertain(alignment.pose, alignment_covariance(sought, seen, alignment.pose, mapping))
+    pose = PoseWithCovariance(alignment.pose, alignment_covariance(sought, seen, alignment.pose, mapping))
     return Candidate(query, found, alignment.inlier_ratio, pose)
 
 

@@ -1,7 +1,7 @@
 """Relative poses with their covariances, and how fast a trajectory drifts.
 
 A covariance belongs to a small motion ``e`` = (x, y, theta) in the frame of the pose itself: the true pose is
-``compose(pose, e)``, as in g2o's ``EDGE_SE2`` and GTSAM's ``BetweenFactor``. Uncertain poses are chained as by
+``compose(pose, e)``, as in g2o's ``EDGE_SE2`` and GTSAM's ``BetweenFactor``. Such poses are chained as by
 Smith, Self and Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990).
 """
 
@@ -25,24 +25,24 @@ LOST = (100.0**2, np.pi**2)  # m² and rad² of a step from one drive to the nex
 
 
 @dataclass(frozen=True)
-class Uncertain:
+class PoseWithCovariance:
     """Relative poses (..., 3), metres and radians, and their covariances (..., 3, 3)."""
 
     pose: Floats
     covariance: Floats
 
-    def then(self, following: "Uncertain") -> "Uncertain":
+    def compose(self, following: "PoseWithCovariance") -> "PoseWithCovariance":
         """``following`` is given in the frame of this pose: both in one; their errors are independent."""
         back = adjoint(inverse(following.pose))
         moved = back @ self.covariance @ np.swapaxes(back, -1, -2)
-        return Uncertain(compose(self.pose, following.pose), moved + following.covariance)
+        return PoseWithCovariance(compose(self.pose, following.pose), moved + following.covariance)
 
-    def inverse(self) -> "Uncertain":
+    def inverse(self) -> "PoseWithCovariance":
         """The frame's origin as seen from the pose."""
         there = adjoint(self.pose)
-        return Uncertain(inverse(self.pose), there @ self.covariance @ np.swapaxes(there, -1, -2))
+        return PoseWithCovariance(inverse(self.pose), there @ self.covariance @ np.swapaxes(there, -1, -2))
 
-    def distance(self, other: "Uncertain") -> Floats:
+    def distance(self, other: "PoseWithCovariance") -> Floats:
         """(...) squared Mahalanobis distances between two independent estimates of the same poses."""
         error = between(self.pose, other.pose)
         joint = self.covariance + other.covariance
@@ -54,9 +54,9 @@ class Uncertain:
         return np.sqrt(np.linalg.eigvalsh(self.covariance[..., :2, :2])[..., -1])
 
 
-def exact(pose: Floats) -> Uncertain:
+def exact(pose: Floats) -> PoseWithCovariance:
     """A relative pose that is known."""
-    return Uncertain(pose, np.zeros((*pose.shape, 3)))
+    return PoseWithCovariance(pose, np.zeros((*pose.shape, 3)))
 
 
 def adjoint(pose: Floats) -> Floats:
@@ -95,14 +95,16 @@ class Drift:
         self._first = _sums(heading[:, None] * ends)
         self._second = _sums(heading[:, None, None] * ends[:, :, None] * ends[:, None, :])
 
-    def relative(self, origin: NDArray[np.int64] | int, place: NDArray[np.int64] | int) -> Uncertain:
+    def relative(self, origin: NDArray[np.int64] | int, place: NDArray[np.int64] | int) -> PoseWithCovariance:
         """The poses ``place`` as seen from the poses ``origin``, both (...) indices into the trajectory."""
         origin, place = np.broadcast_arrays(origin, place)
         first, last = np.minimum(origin, place), np.maximum(origin, place)
-        ahead = Uncertain(between(self.trajectory[first], self.trajectory[last]), self._covariance(first, last))
+        ahead = PoseWithCovariance(
+            between(self.trajectory[first], self.trajectory[last]), self._covariance(first, last)
+        )
         behind = ahead.inverse()
         forwards = place >= origin
-        return Uncertain(
+        return PoseWithCovariance(
             np.where(forwards[..., None], ahead.pose, behind.pose),
             np.where(forwards[..., None, None], ahead.covariance, behind.covariance),
         )

@@ -22,7 +22,7 @@ HIT, MISS = (
 LARGEST = 4e8  # cells
 
 
-def draw_map(log: Log, poses: Floats, scans: Ints, resolution: float = 0.05, reach: float = 20.0) -> Grid:
+def build_map(log: Log, poses: Floats, scans: Ints, resolution: float = 0.05, reach: float = 20.0) -> Grid:
     """The map that some scans of a log show: occupied where the log-odds of hits and misses are above 0.
 
     Each scan counts once for a cell: as a hit if any of its beams ends there, else as a miss if any passes, so

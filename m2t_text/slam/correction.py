@@ -7,9 +7,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.graph import Edge
-from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.loops.uncertainty import PoseWithCovariance
 from m2t_text.mapping.trajectory import without_wheels
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread
 from m2t_text.slam.neighbours import Neighbours, pairs_nearby
@@ -49,14 +49,13 @@ class Correction:
         return int((self.kinds == kind).sum())
 
 
-def correct(walked: Walk, jobs: int = 1, progress: StageProgress | None = None) -> Correction:
-    """The drives of a walk, corrected. It looks at all of them at once: what it says of a scan may follow from
-    later ones."""
+def correct(detection: LoopDetection, jobs: int = 1, progress: StageProgress | None = None) -> Correction:
+    """The drives, corrected. It looks at all of them at once: what it says of a scan may follow from later ones."""
     tell = progress or (lambda stage, done, of: None)
-    raw = walked.survey.trajectory
-    keys = key_scans(walked.log, raw)
-    matched, loops = _steps(walked, keys), _loops(walked, keys)
-    wheels = walked.log.odometry[keys.numbers]
+    raw = detection.survey.trajectory
+    keys = key_scans(detection.log, raw)
+    matched, loops = _steps(detection, keys), _loops(detection, keys)
+    wheels = detection.log.odometry[keys.numbers]
     compared = Neighbours(keys, jobs)
     poses = _in_one_frame(raw[keys.numbers], keys, loops)
     behind = compared.behind(poses, partial(tell, "comparing scans"))
@@ -114,30 +113,30 @@ def _joined(keys: KeyScans, constraints: Constraints) -> np.ndarray:
     return np.asarray(label == np.argmax(scans))
 
 
-def _steps(walked: Walk, keys: KeyScans) -> Constraints:
+def _steps(detection: LoopDetection, keys: KeyScans) -> Constraints:
     """From each key scan to the next of its drive, as odometry and scan matching have it.
 
     Where there are no wheels, scan matching may lose its way, so that a step may be wrong.
     """
     first = np.flatnonzero(np.diff(keys.drives) == 0)
-    motions = walked.drifts[walked.log.name].relative(keys.numbers[first], keys.numbers[first + 1])
+    motions = detection.drifts[detection.log.name].relative(keys.numbers[first], keys.numbers[first + 1])
     information = np.linalg.inv(motions.covariance).astype(float)
     pairs = np.column_stack([first, first + 1])
-    alone = np.isin(keys.drives[first], list(without_wheels(walked.log)))
+    alone = np.isin(keys.drives[first], list(without_wheels(detection.log)))
     return Constraints(pairs, motions.pose, information, alone)
 
 
-def _loops(walked: Walk, keys: KeyScans) -> Constraints:
-    """The walk's own loops, from the key scan at or before a place to the one at or before a scan."""
-    own = [loop for loop in walked.loops if loop.dataset == walked.log.name]
-    raw = walked.survey.trajectory
+def _loops(detection: LoopDetection, keys: KeyScans) -> Constraints:
+    """The detection's own loops, from the key scan at or before a place to the one at or before a scan."""
+    own = [loop for loop in detection.loops if loop.dataset == detection.log.name]
+    raw = detection.survey.trajectory
     ends = np.array([(loop.place, loop.scan) for loop in own], dtype=np.int64).reshape(-1, 2)
     pairs: Ints = np.searchsorted(keys.numbers, ends, side="right") - 1
     edges = []
     for loop, (start, end), (first, last) in zip(own, keys.numbers[pairs], pairs.tolist(), strict=True):
         to_place = between(raw[start], raw[loop.place])
-        back = Uncertain(between(raw[loop.scan], raw[end]), np.zeros((3, 3)))
-        pose = Uncertain(compose(to_place, loop.pose.pose), loop.pose.covariance).then(back)
+        back = PoseWithCovariance(between(raw[loop.scan], raw[end]), np.zeros((3, 3)))
+        pose = PoseWithCovariance(compose(to_place, loop.pose.pose), loop.pose.covariance).compose(back)
         edges.append(Edge(first, last, pose))
     return constraints_of(edges, robust=True)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from m2t_text.loops.export import to_g2o, tum_lines, write
 from m2t_text.loops.graph import Edge, PoseGraph
-from m2t_text.loops.uncertainty import Uncertain
+from m2t_text.loops.uncertainty import PoseWithCovariance
 from m2t_text.saved_maps.writing import write_map
 from m2t_text.slam.mapping import MapOfLogs
 from m2t_text.slam.plots import plot_map
@@ -34,20 +34,20 @@ def write_map_folder(made: MapOfLogs, folder: Path) -> list[Path]:
 
 def corrected_graph(made: MapOfLogs) -> PoseGraph:
     """All scans at their corrected poses, steps between them, and the constraints between key scans."""
-    walked, correction = made.walked, made.correction
+    detection, correction = made.detection, made.correction
     count = len(correction.trajectory)
     scans = np.arange(count - 1)
-    drives = np.array([scan.drive for scan in walked.log.scans])
+    drives = np.array([scan.drive for scan in detection.log.scans])
     same = scans[drives[:-1] == drives[1:]]
-    motions = walked.drifts[walked.log.name].relative(same, same + 1)
+    motions = detection.drifts[detection.log.name].relative(same, same + 1)
     steps = [
-        Edge(int(scan), int(scan) + 1, Uncertain(motions.pose[k], motions.covariance[k]))
+        Edge(int(scan), int(scan) + 1, PoseWithCovariance(motions.pose[k], motions.covariance[k]))
         for k, scan in enumerate(same)
     ]
     constraints = correction.constraints.chosen(correction.kinds != "step")
     covariances = np.linalg.inv(constraints.information)
     loops = [
-        Edge(int(start), int(end), Uncertain(pose, covariance))
+        Edge(int(start), int(end), PoseWithCovariance(pose, covariance))
         for (start, end), pose, covariance in zip(
             correction.keys.numbers[constraints.pairs], constraints.poses, covariances, strict=True
         )

@@ -8,9 +8,9 @@ import numpy as np
 
 from m2t_text.logs.joining import joined
 from m2t_text.logs.log import Log
-from m2t_text.loops.detection import Walk, walk
+from m2t_text.loops.detection import LoopDetection, detect_loops
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
-from m2t_text.saved_maps.occupancy_mapping import draw_map
+from m2t_text.saved_maps.occupancy_mapping import build_map
 from m2t_text.slam.correction import Correction, correct
 from m2t_text.util.types import Floats, StageProgress
 
@@ -21,13 +21,13 @@ class MapOfLogs:
 
     Attributes:
         logs: that it was made of.
-        walked: their drives with the loops found by text; the logs' scans follow each other.
+        detection: their drives with the loops found by text; the logs' scans follow each other.
         correction: of their trajectories.
         grid: the map.
     """
 
     logs: Sequence[Log]
-    walked: Walk
+    detection: LoopDetection
     correction: Correction
     grid: Grid
 
@@ -40,13 +40,13 @@ class MapOfLogs:
     def left_out(self) -> list[str]:
         """The logs of which no scan is in the map, as no loop tells where they were."""
         scans = np.cumsum([0, *(len(log.scans) for log in self.logs)])
-        drives = np.array([scan.drive for scan in self.walked.log.scans])
+        drives = np.array([scan.drive for scan in self.detection.log.scans])
         shown = self.correction.joined[drives]
         return [log.name for k, log in enumerate(self.logs) if not shown[scans[k] : scans[k + 1]].any()]
 
     def to_json(self) -> dict[str, Any]:
         """What was found, as ``map --json`` has it."""
-        walked, correction = self.walked, self.correction
+        detection, correction = self.detection, self.correction
         firsts = np.cumsum([0, *(len(log.scans) for log in self.logs)])
         left_out = self.left_out
         return {
@@ -60,9 +60,9 @@ class MapOfLogs:
                 }
                 for log, first in zip(self.logs, firsts, strict=False)
             ],
-            "travel": float(walked.survey.way[-1]),
-            "queries": walked.queries,
-            "matches": walked.matches,
+            "travel": float(detection.survey.way[-1]),
+            "queries": detection.queries,
+            "matches": detection.matches,
             "loops": correction.count("loop"),
             "neighbours": correction.count("neighbour"),
             "dropped": {"loops": correction.dropped[0], "neighbours": correction.dropped[1]},
@@ -95,11 +95,11 @@ def map_logs(
         (3, 0.05)
     """
     tell = progress or (lambda stage, done, of: None)
-    walked = walk(joined(logs, name), None, jobs, tell)
-    correction = correct(walked, jobs, tell)
-    drives = np.array([scan.drive for scan in walked.log.scans])
-    scans = np.flatnonzero(walked.survey.moved & correction.joined[drives])
+    detection = detect_loops(joined(logs, name), None, jobs, tell)
+    correction = correct(detection, jobs, tell)
+    drives = np.array([scan.drive for scan in detection.log.scans])
+    scans = np.flatnonzero(detection.survey.moved & correction.joined[drives])
     tell("drawing the map", 0, 1)
-    grid = draw_map(walked.log, correction.trajectory, scans, resolution)
+    grid = build_map(detection.log, correction.trajectory, scans, resolution)
     tell("drawing the map", 1, 1)
-    return MapOfLogs(logs, walked, correction, grid)
+    return MapOfLogs(logs, detection, correction, grid)

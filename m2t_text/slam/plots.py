@@ -46,8 +46,8 @@ def plot_map(made: MapOfLogs, path: Path) -> None:
     ends = correction.trajectory[correction.keys.numbers[loops.pairs], :2]
     axes.add_collection(LineCollection(list(ends), colors=MATCHED, lw=0.7, alpha=0.6, zorder=4))
     axes.plot(*made.correction.trajectory[0, :2], "o", ms=7, color=INK, mec="white", zorder=6)
-    travel = f"{made.walked.survey.way[-1]:,.0f} m of travel"
-    entitle(axes, short(made.walked.log.name, 60), f"{travel}, {len(loops):,} loops found by text")
+    travel = f"{made.detection.survey.way[-1]:,.0f} m of travel"
+    entitle(axes, short(made.detection.log.name, 60), f"{travel}, {len(loops):,} loops found by text")
     make_metric(axes)
     axes.grid(color=PALE, lw=0.3)
     marks = [mark(INK, "begin"), mark(FIRST, "corrected trajectory", "-"), mark(MATCHED, "loop", "-")]

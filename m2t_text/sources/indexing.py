@@ -17,7 +17,7 @@ from m2t_text.util.types import SourceProgress
 
 
 @dataclass(frozen=True)
-class Request:
+class IndexRequest:
     """What to index, and how.
 
     Attributes:
@@ -53,7 +53,7 @@ class Report:
     failed: list[str] = field(default_factory=list)
 
 
-def index_sources(request: Request, progress: SourceProgress | None = None) -> Report:
+def index_sources(request: IndexRequest, progress: SourceProgress | None = None) -> Report:
     """Describes every map of every source; each dataset replaces the one of the same name, all in one commit.
 
     A source that cannot be read is left out, and what the index held of it stays. Documents are written as
@@ -87,7 +87,7 @@ def index_sources(request: Request, progress: SourceProgress | None = None) -> R
     return report
 
 
-def _parameters(request: Request) -> Parameters:
+def _parameters(request: IndexRequest) -> Parameters:
     """Of the index if there is one, which must be those asked for, if any are."""
     wanted = parameters_of(request.profile) if request.profile is not None else None
     if holds_index(request.index):

@@ -31,7 +31,7 @@ from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe
 from m2t_text.recognition.finding import VERIFIED, verify_hits
 from m2t_text.recognition.queries import Query
-from m2t_text.sources.indexing import Request, index_sources
+from m2t_text.sources.indexing import IndexRequest, index_sources
 from m2t_text.util.workers import cores
 
 ROOT = Path(__file__).parents[2]
@@ -82,14 +82,14 @@ def index_logs() -> dict[str, Any]:
     """The logs as indexes of both profiles, and the time that one log took, everything included."""
     sources = sorted(LOGS.glob("*.log.gz"))
     timed = next(source for source in sources if source.name.startswith(INDEXED))
-    index_sources(Request([timed], FOLDER / "timed", jobs=cores(None)))  # loads the compiled code
+    index_sources(IndexRequest([timed], FOLDER / "timed", jobs=cores(None)))  # loads the compiled code
     begin = perf_counter()
-    index_sources(Request([timed], FOLDER / "timed", jobs=cores(None)))
+    index_sources(IndexRequest([timed], FOLDER / "timed", jobs=cores(None)))
     seconds = perf_counter() - begin
     info = MapIndex.open(FOLDER / "timed").info()
     for profile in ("paper", "default"):
         if not (FOLDER / f"logs-{profile}").is_dir():
-            index_sources(Request(sources, FOLDER / f"logs-{profile}", profile, cores(None)))
+            index_sources(IndexRequest(sources, FOLDER / f"logs-{profile}", profile, cores(None)))
     return {
         "dataset": INDEXED,
         "maps": info.maps,

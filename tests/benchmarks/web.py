@@ -31,7 +31,7 @@ from m2t_text.cli import run  # noqa: E402
 from m2t_text.description.document import Document  # noqa: E402
 from m2t_text.index.map_index import MapIndex  # noqa: E402
 from m2t_text.index.writing.folder import holds_index  # noqa: E402
-from m2t_text.sources.indexing import Request, index_sources  # noqa: E402
+from m2t_text.sources.indexing import IndexRequest, index_sources  # noqa: E402
 
 LOGS = ROOT.parent / "shared" / "data" / "radish"
 KEPT = ROOT / "indexes" / "bench"
@@ -65,14 +65,14 @@ def radish() -> MapIndex:
     """An index of the five logs, made once."""
     path = KEPT / "web-radish"
     if not holds_index(path):
-        index_sources(Request(sorted(LOGS.glob("*.log.gz")), path, jobs=2))
+        index_sources(IndexRequest(sorted(LOGS.glob("*.log.gz")), path, jobs=2))
     return MapIndex.open(path)
 
 
 def one_log() -> MapIndex:
     path = KEPT / "web-fr079"
     if not holds_index(path):
-        index_sources(Request([LOGS / "freiburg-079-corrected.log.gz"], path, jobs=2))
+        index_sources(IndexRequest([LOGS / "freiburg-079-corrected.log.gz"], path, jobs=2))
     return MapIndex.open(path)
 
 

@@ -13,7 +13,7 @@ import pytest
 from m2t_text.cli import run
 from m2t_text.evaluation.judging import Judgement
 from m2t_text.evaluation.report import mean, methods, published, report
-from m2t_text.evaluation.run import Evaluation, Request, evaluate
+from m2t_text.evaluation.run import Evaluation, EvaluationRequest, evaluate
 from m2t_text.logs import read_log
 from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.util.geometry import travel
@@ -47,7 +47,7 @@ def unusable(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def evaluation(loop: Path) -> Evaluation:
-    return evaluate(Request([loop], queries=40))
+    return evaluate(EvaluationRequest([loop], queries=40))
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_several_logs_are_looked_up_in_each_other(loop: Path, tmp_path: Path) ->
     """Another drive through the same building is the other log here, so that places are found in it."""
     part = tmp_path / "part.log"
     write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25, drive=1)), part)
-    found = evaluate(Request([loop, part], queries=10))
+    found = evaluate(EvaluationRequest([loop, part], queries=10))
     for dataset in found.datasets:
         asked, matched = dataset.elsewhere
         assert asked == 10 and matched > 4
@@ -122,7 +122,7 @@ def test_the_table_stands_beside_the_papers(call: Call, loop: Path) -> None:
 
 
 def test_the_same_figures_for_any_number_of_jobs(loop: Path, evaluation: Evaluation) -> None:
-    again = evaluate(Request([loop], queries=40, jobs=2))
+    again = evaluate(EvaluationRequest([loop], queries=40, jobs=2))
     assert again.datasets[0].judgements == evaluation.datasets[0].judgements
     assert again.datasets[0].pairs[0].scores == evaluation.datasets[0].pairs[0].scores
 
@@ -145,7 +145,7 @@ def test_the_default_profile_keeps_its_recall_on_a_simulated_log(evaluation: Eva
 
 
 def test_the_default_profile_keeps_its_recall_on_a_real_log(radish: Path) -> None:
-    found = evaluate(Request([radish / "freiburg-101-corrected.log.gz"], queries=60, jobs=2))
+    found = evaluate(EvaluationRequest([radish / "freiburg-101-corrected.log.gz"], queries=60, jobs=2))
     figures = methods(found.datasets[0].judgements)
     assert figures["m2t"]["anr"] < 5 and figures["bow"]["anr"] > 15
     assert figures["verified"]["recall_at_1"]["3"] > 95 and figures["verified"]["verdict_precision"] > 98
@@ -166,7 +166,7 @@ def test_nothing_is_left_behind(loop: Path, tmp_path: Path, monkeypatch: pytest.
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        evaluate(Request([loop], queries=2), interrupt)
+        evaluate(EvaluationRequest([loop], queries=2), interrupt)
     assert not list(tmp_path.iterdir())
 
 

@@ -13,7 +13,7 @@ from gtsam_oracle import optimise_g2o
 
 from m2t_text.cli import run
 from m2t_text.logs import Log
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.export import to_json, to_tum
 from m2t_text.loops.graph import pose_graph
 from m2t_text.util.geometry import between
@@ -37,29 +37,29 @@ def rows(path: Path, tag: str) -> np.ndarray:
     return np.array([[float(word) for word in words[1:]] for words in lines if words[0] == tag])
 
 
-def test_all_that_it_writes(call: Call, circuit: Path, drive: Log, walked: Walk, tmp_path: Path):
+def test_all_that_it_writes(call: Call, circuit: Path, drive: Log, detection: LoopDetection, tmp_path: Path):
     """The same by any number of processes: two here, one there."""
     files = ("--g2o", "a.g2o", "--tum", "a.tum", "--plot", "a.png")
     status, out, err = call(circuit, *files, "--json", "--jobs", 2)
     document = json.loads(out)
     assert status == 0 and err.splitlines() == ["wrote a.g2o", "wrote a.tum", "drew a.png"]
-    assert document == json.loads(json.dumps(to_json(walked, pose_graph(walked))))
-    check_g2o(tmp_path / "a.g2o", document, walked)
-    assert (tmp_path / "a.tum").read_text() == to_tum(walked)
+    assert document == json.loads(json.dumps(to_json(detection, pose_graph(detection))))
+    check_g2o(tmp_path / "a.g2o", document, detection)
+    assert (tmp_path / "a.tum").read_text() == to_tum(detection)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def check_g2o(path: Path, document: dict[str, Any], walked: Walk) -> None:
+def check_g2o(path: Path, document: dict[str, Any], detection: LoopDetection) -> None:
     """A vertex a scan, an edge from each scan to the next, and one for each loop, with its information."""
     vertices, edges = rows(path, "VERTEX_SE2"), rows(path, "EDGE_SE2")
     count, loops = document["scans"], document["loops"]
     assert vertices[:, 0].tolist() == list(range(count))
-    assert vertices[:, 1:] == pytest.approx(walked.survey.trajectory, abs=1e-7)
+    assert vertices[:, 1:] == pytest.approx(detection.survey.trajectory, abs=1e-7)
     steps, closures = edges[: count - 1], edges[count - 1 :]
     assert steps[:, :2].tolist() == [[k, k + 1] for k in range(count - 1)]
     assert closures[:, :2].tolist() == [[loop["from"], loop["to"]] for loop in loops]
     assert all(loop["from"] < loop["to"] <= loop["known"] for loop in loops)
-    moves = between(walked.survey.trajectory[:-1], walked.survey.trajectory[1:])
+    moves = between(detection.survey.trajectory[:-1], detection.survey.trajectory[1:])
     assert steps[:, 2:5] == pytest.approx(moves, abs=1e-7)
     for edge, loop in zip(closures, loops, strict=True):
         assert edge[2:5] == pytest.approx(loop["pose"], abs=1e-7)
@@ -71,15 +71,15 @@ def check_g2o(path: Path, document: dict[str, Any], walked: Walk) -> None:
     assert optimise_g2o(path).shape == (count, 3)
 
 
-def test_tum_has_times_where_they_ascend_and_numbers_where_not(walked: Walk, drive: Log):
-    lines = to_tum(walked).splitlines()
+def test_tum_has_times_where_they_ascend_and_numbers_where_not(detection: LoopDetection, drive: Log):
+    lines = to_tum(detection).splitlines()
     time, *pose = (float(word) for word in lines[-1].split())
-    x, y, theta = walked.survey.trajectory[-1]
+    x, y, theta = detection.survey.trajectory[-1]
     assert len(lines) == len(drive.scans)
     assert time == pytest.approx(drive.scans[-1].timestamp) and time > 100
     assert pose == pytest.approx([x, y, 0, 0, 0, np.sin(theta / 2), np.cos(theta / 2)], abs=1e-6)
     timeless = replace(drive, scans=tuple(replace(scan, timestamp=0.0) for scan in drive.scans))
-    numbered = to_tum(replace(walked, log=timeless)).splitlines()
+    numbered = to_tum(replace(detection, log=timeless)).splitlines()
     assert [float(line.split()[0]) for line in numbered] == list(range(len(lines)))
 
 

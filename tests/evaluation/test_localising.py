@@ -9,11 +9,11 @@ import yaml
 from calling import Call
 
 from m2t_text.evaluation.metrics import pose_error
-from m2t_text.evaluation.saved_maps import Request, evaluate
+from m2t_text.evaluation.saved_maps import MapEvaluationRequest, evaluate
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
-from m2t_text.saved_maps.occupancy_mapping import draw_map
+from m2t_text.saved_maps.occupancy_mapping import build_map
 from m2t_text.saved_maps.writing import write_map
 from m2t_text.util.geometry import compose, transform
 
@@ -26,14 +26,14 @@ MAP_FRAME = np.array([30.0, -4.0, 2.0])  # the building's frame in that of the s
 @pytest.fixture(scope="module")
 def floor(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The index of a map that was drawn on a first visit, in a frame of its own."""
-    from m2t_text.sources.indexing import Request as Indexing
+    from m2t_text.sources.indexing import MapEvaluationRequest as Indexing
     from m2t_text.sources.indexing import index_sources
 
     folder = tmp_path_factory.mktemp("floor")
     first = read_log(simulated)
     assert first.ground_truth is not None
     truth = compose(MAP_FRAME, first.ground_truth)
-    write_map(draw_map(first, truth, np.arange(len(truth))), folder / "floor.yaml")
+    write_map(build_map(first, truth, np.arange(len(truth))), folder / "floor.yaml")
     index_sources(Indexing([folder / "floor.yaml"], folder / "index"))
     return folder / "index"
 
@@ -145,7 +145,7 @@ def test_what_a_log_is_drawn_into_and_found_in(call: Call, simulated: Path) -> N
 
 
 def test_real_runs_are_found_in_a_map_of_an_earlier_visit(radish: Path) -> None:
-    (intel,) = evaluate(Request([radish / "intel-corrected.log.gz"], queries=30, jobs=2))
+    (intel,) = evaluate(MapEvaluationRequest([radish / "intel-corrected.log.gz"], queries=30, jobs=2))
     assert len(intel.placed) == 30
     assert intel.right.mean() >= 0.9
     assert intel.match.mean() > 0.7 and intel.right[intel.match].mean() >= 0.98

@@ -12,7 +12,7 @@ from m2t_text.evaluation.loops import assess, trajectory_error
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.simulation.simulator import Simulation, simulate
-from m2t_text.loops.detection import KEPT, Walk, walk
+from m2t_text.loops.detection import KEPT, LoopDetection, detect_loops
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import pose_graph
 from m2t_text.mapping.trajectory import survey
@@ -32,9 +32,9 @@ def off(poses: np.ndarray, log: Log, loop: Loop) -> float:
     return float(np.hypot(*between(true, loop.pose.pose)[:2]))
 
 
-def test_loops_correct_a_simulated_drive(walked: Walk):
-    assessment = assess(walked)
-    assert assessment.loops == len(walked.loops) >= 4 and assessment.wrong == 0
+def test_loops_correct_a_simulated_drive(detection: LoopDetection):
+    assessment = assess(detection)
+    assert assessment.loops == len(detection.loops) >= 4 and assessment.wrong == 0
     errors = assessment.absolute
     assert errors["loops"] < 0.6 * errors["scan_matching"] < errors["odometry"]
     assert errors["map"] < errors["loops"]
@@ -42,18 +42,18 @@ def test_loops_correct_a_simulated_drive(walked: Walk):
 
 def test_loops_correct_a_real_drive(radish: Path):
     """The first 200 scans of the Intel Research Lab."""
-    assessment = assess(walk(cut(read_log(radish / "intel-corrected.log.gz"), 200)))
+    assessment = assess(detect_loops(cut(read_log(radish / "intel-corrected.log.gz"), 200)))
     assert assessment.loops >= 30 and assessment.wrong == 0
     assert assessment.absolute["loops"] < 0.1 and assessment.absolute["scan_matching"] > 0.2
     assert assessment.absolute["map"] < 0.1
 
 
-def test_no_loop_looks_ahead(drive: Log, walked: Walk):
+def test_no_loop_looks_ahead(drive: Log, detection: LoopDetection):
     """The walk of a log that ends earlier has the same loops, up to its end."""
-    last = walked.loops[len(walked.loops) // 2].known
-    earlier = walk(cut(drive, last + 1))
-    expected = [loop for loop in walked.loops if loop.known <= last]
-    assert 0 < len(expected) < len(walked.loops)
+    last = detection.loops[len(detection.loops) // 2].known
+    earlier = detect_loops(cut(drive, last + 1))
+    expected = [loop for loop in detection.loops if loop.known <= last]
+    assert 0 < len(expected) < len(detection.loops)
     assert [(loop.scan, loop.place, loop.known) for loop in earlier.loops] == [
         (loop.scan, loop.place, loop.known) for loop in expected
     ]
@@ -63,21 +63,21 @@ def test_no_loop_looks_ahead(drive: Log, walked: Walk):
 
 
 def test_an_index_of_the_drive_itself_shows_its_past(drive: Log, tmp_path: Path):
-    walked = walk(drive, indexed(drive, tmp_path / "index"))
+    detection = detect_loops(drive, indexed(drive, tmp_path / "index"))
     truth = drive.ground_truth
-    assert truth is not None and len(walked.loops) >= 4 and walked.maps == {}
-    assert max(off(truth[loop.place], drive, loop) for loop in walked.loops) < 0.3
-    assert all(loop.candidate.found.last_scan < loop.candidate.query.first_scan for loop in walked.loops)
+    assert truth is not None and len(detection.loops) >= 4 and detection.maps == {}
+    assert max(off(truth[loop.place], drive, loop) for loop in detection.loops) < 0.3
+    assert all(loop.candidate.found.last_scan < loop.candidate.query.first_scan for loop in detection.loops)
 
 
 def test_places_of_another_drive_become_vertices(drive: Log, tmp_path: Path):
     other = replace(simulate(Simulation(seed=5, drive=1, length=24.0, travel=50.0, step=0.25)), name="other")
-    walked = walk(drive, indexed(other, tmp_path / "index"))
-    graph = pose_graph(walked)
-    assert len(walked.loops) >= 10 and graph.scans == len(drive.scans)
+    detection = detect_loops(drive, indexed(other, tmp_path / "index"))
+    graph = pose_graph(detection)
+    assert len(detection.loops) >= 10 and graph.scans == len(drive.scans)
     assert other.ground_truth is not None
-    firsts = [other.ground_truth[loop.candidate.found.first_scan] for loop in walked.loops]
-    errors = [off(first, drive, loop) for first, loop in zip(firsts, walked.loops, strict=True)]
+    firsts = [other.ground_truth[loop.candidate.found.first_scan] for loop in detection.loops]
+    errors = [off(first, drive, loop) for first, loop in zip(firsts, detection.loops, strict=True)]
     assert max(errors) < 0.3
     # Both drives in one frame: each map lies where the loops that lead to it put it.
     assert len(graph.vertices) == graph.scans + len(graph.maps)
@@ -91,17 +91,17 @@ def test_places_of_another_drive_become_vertices(drive: Log, tmp_path: Path):
 def test_another_log_of_the_same_name_is_told(drive: Log, tmp_path: Path):
     index = indexed(cut(drive, 50), tmp_path / "index")
     with pytest.raises(LogError, match=r"another log called 'circuit', of 50 scans .* --name"):
-        walk(drive, index)
+        detect_loops(drive, index)
 
 
 def test_a_log_shorter_than_a_map_is_told(drive: Log):
     with pytest.raises(LogError, match="travels less than the 5 m of one map"):
-        walk(cut(drive, 10))
+        detect_loops(cut(drive, 10))
 
 
-def test_a_log_without_ground_truth_is_not_judged(drive: Log, walked: Walk):
+def test_a_log_without_ground_truth_is_not_judged(drive: Log, detection: LoopDetection):
     with pytest.raises(LogError, match="no ground truth"):
-        assess(replace(walked, log=replace(drive, ground_truth=None)))
+        assess(replace(detection, log=replace(drive, ground_truth=None)))
 
 
 def test_trajectory_error_by_hand():

@@ -7,7 +7,7 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.loops.gate import Gate, Loop
 from m2t_text.loops.lookup import Candidate
-from m2t_text.loops.uncertainty import Drift, Uncertain
+from m2t_text.loops.uncertainty import Drift, PoseWithCovariance
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
@@ -28,8 +28,10 @@ def match(
 ) -> Loop:
     """A match of the drive's scan with a place, right but for ``off`` (3,)."""
     pose = compose(between(truth[place], DRIVE[scan]), np.zeros(3) if off is None else off)
-    candidate = Candidate(document("drive", scan), document(dataset, place), 0.8, Uncertain(pose, ALIGNMENT))
-    return Loop(scan, dataset, place, Uncertain(pose, ALIGNMENT), candidate, scan + 3)
+    candidate = Candidate(
+        document("drive", scan), document(dataset, place), 0.8, PoseWithCovariance(pose, ALIGNMENT)
+    )
+    return Loop(scan, dataset, place, PoseWithCovariance(pose, ALIGNMENT), candidate, scan + 3)
 
 
 @pytest.fixture

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from m2t_text.loops.uncertainty import BIAS, HEADING, MOVE, STILL, TURN, Drift, Uncertain, adjoint, exact
+from m2t_text.loops.uncertainty import (
+    BIAS,
+    HEADING,
+    MOVE,
+    STILL,
+    TURN,
+    Drift,
+    PoseWithCovariance,
+    adjoint,
+    exact,
+)
 from m2t_text.util.geometry import between, compose, inverse
 
 RNG = np.random.default_rng(4)
@@ -27,10 +37,10 @@ def test_adjoint_moves_a_small_motion_to_the_outer_frame():
 
 
 def test_chaining_and_inverting_agree_with_drawn_errors():
-    a = Uncertain(np.array([3.0, 1.0, 0.5]), np.diag([4e-4, 1e-4, 9e-5]))
-    b = Uncertain(np.array([-2.0, 4.0, 2.0]), np.diag([1e-4, 6e-4, 4e-5]))
+    a = PoseWithCovariance(np.array([3.0, 1.0, 0.5]), np.diag([4e-4, 1e-4, 9e-5]))
+    b = PoseWithCovariance(np.array([-2.0, 4.0, 2.0]), np.diag([1e-4, 6e-4, 4e-5]))
     noisy = compose(compose(a.pose, spread(a.covariance)), compose(b.pose, spread(b.covariance)))
-    assert drawn(noisy, a.then(b).pose) == pytest.approx(a.then(b).covariance, rel=0.03, abs=2e-5)
+    assert drawn(noisy, a.compose(b).pose) == pytest.approx(a.compose(b).covariance, rel=0.03, abs=2e-5)
     back = inverse(compose(a.pose, spread(a.covariance)))
     assert drawn(back, a.inverse().pose) == pytest.approx(a.inverse().covariance, rel=0.03, abs=2e-6)
 
@@ -59,11 +69,11 @@ def test_drift_is_the_chain_of_its_steps(origin: int, place: int):
     bias = np.zeros(3)  # how 1 rad per m moves the last pose, in its own frame
     for k in range(first, last):
         move, heading = drift.steps[k]
-        step = Uncertain(between(WINDING[k], WINDING[k + 1]), np.diag([move, move, heading]))
-        chained = chained.then(step)
+        step = PoseWithCovariance(between(WINDING[k], WINDING[k + 1]), np.diag([move, move, heading]))
+        chained = chained.compose(step)
         length = np.hypot(*step.pose[:2])
         bias = adjoint(inverse(step.pose)) @ bias + np.array([0.0, 0.0, length])
-    chained = Uncertain(chained.pose, chained.covariance + BIAS * np.outer(bias, bias))
+    chained = PoseWithCovariance(chained.pose, chained.covariance + BIAS * np.outer(bias, bias))
     expected = chained if place >= origin else chained.inverse()
     found = drift.relative(np.array([origin, 3]), np.array([place, 4]))
     assert between(found.pose[0], expected.pose) == pytest.approx(np.zeros(3), abs=1e-9)
@@ -71,7 +81,7 @@ def test_drift_is_the_chain_of_its_steps(origin: int, place: int):
 
 
 def test_distance_and_reach():
-    one = Uncertain(np.array([[0.0, 0, 0]]), np.diag([0.04, 0.01, 0.01])[None])
+    one = PoseWithCovariance(np.array([[0.0, 0, 0]]), np.diag([0.04, 0.01, 0.01])[None])
     other = exact(np.array([[0.6, 0.0, 0.1]]))
     assert one.distance(other) == pytest.approx([0.36 / 0.04 + 0.01 / 0.01])
     assert one.reach == pytest.approx([0.2])

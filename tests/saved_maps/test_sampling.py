@@ -15,7 +15,7 @@ from m2t_text.logs.simulation.raycast import cast
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.pipeline import describe
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
-from m2t_text.saved_maps.occupancy_mapping import draw_map
+from m2t_text.saved_maps.occupancy_mapping import build_map
 from m2t_text.saved_maps.sampling import ALIKE, CLEARANCE, NEAR, Sampler, distinct_views
 from m2t_text.sources.saved_map import SavedMap
 from m2t_text.util.geometry import compose, transform
@@ -139,7 +139,7 @@ def test_a_drawn_map_has_walls_where_they_are_and_space_before_them() -> None:
     laser = np.array([0.2, 0.0, 0.0])
     angles = np.radians(np.arange(-90.0, 90.0, 0.25))
     scans = [Scan(cast(pose, angles, walls), angles, pose) for pose in compose(truth, laser)]
-    grid = draw_map(Log("box", tuple(scans), laser), truth, np.arange(3))
+    grid = build_map(Log("box", tuple(scans), laser), truth, np.arange(3))
     away, _ = KDTree(walls_as_points(walls)).query(grid.centres(OCCUPIED))
     assert away.max() < 0.05
     assert len(grid.centres(OCCUPIED)) > 200
@@ -164,9 +164,9 @@ def test_a_beam_through_what_moved_away_clears_it() -> None:
         Scan(np.array([1.0, 1.0, 1.0]), angles, np.zeros(3)),
         Scan(np.full(3, 3.0), angles, np.zeros(3)),
     )
-    grid = draw_map(Log("x", (person, *[wall] * 4)), np.zeros((5, 3)), np.arange(5))
+    grid = build_map(Log("x", (person, *[wall] * 4)), np.zeros((5, 3)), np.arange(5))
     assert np.hypot(*grid.centres(OCCUPIED).T).min() > 2.9
-    only = draw_map(Log("x", (person, wall)), np.zeros((2, 3)), np.arange(2))
+    only = build_map(Log("x", (person, wall)), np.zeros((2, 3)), np.arange(2))
     assert np.hypot(*only.centres(OCCUPIED).T).min() < 1.1
 
 

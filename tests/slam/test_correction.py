@@ -9,7 +9,7 @@ from m2t_text.evaluation.loops import trajectory_error
 from m2t_text.logs import Log
 from m2t_text.logs.joining import joined, without_odometry
 from m2t_text.logs.simulation.simulator import Simulation, simulate
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.slam.correction import Correction, correct
 from m2t_text.slam.files import corrected_graph
@@ -19,24 +19,24 @@ from m2t_text.util.geometry import between, compose, inverse
 
 
 @pytest.fixture(scope="module")
-def corrected(walked: Walk) -> Correction:
-    return correct(walked)
+def corrected(detection: LoopDetection) -> Correction:
+    return correct(detection)
 
 
-def test_the_same_for_any_number_of_threads(walked: Walk, corrected: Correction):
-    assert (correct(walked, 3).trajectory == corrected.trajectory).all()
+def test_the_same_for_any_number_of_threads(detection: LoopDetection, corrected: Correction):
+    assert (correct(detection, 3).trajectory == corrected.trajectory).all()
 
 
-def test_a_wrong_loop_is_left_out(walked: Walk, drive: Log, corrected: Correction):
+def test_a_wrong_loop_is_left_out(detection: LoopDetection, drive: Log, corrected: Correction):
     """Put in as sure as the right ones are."""
     assert drive.ground_truth is not None
-    right = walked.loops[0]
+    right = detection.loops[0]
     wrong = replace(right, place=right.place + 40, scan=len(drive.scans) - 20)
     away = between(drive.ground_truth[wrong.place], drive.ground_truth[wrong.scan])
     assert np.hypot(*between(away, wrong.pose.pose)[:2]) > 3.0
-    bent = correct(replace(walked, loops=[*walked.loops, wrong]))
+    bent = correct(replace(detection, loops=[*detection.loops, wrong]))
     assert bent.dropped[0] == corrected.dropped[0] + 1
-    assert bent.count("loop") == corrected.count("loop") == len(walked.loops)
+    assert bent.count("loop") == corrected.count("loop") == len(detection.loops)
     assert trajectory_error(bent.trajectory, drive.ground_truth) < 0.05
     assert np.abs(bent.trajectory - corrected.trajectory)[:, :2].max() < 0.03
 
@@ -114,7 +114,7 @@ def test_a_log_of_another_building_is_left_out(drive: Log):
 def test_the_graph_has_all_scans_and_no_step_between_drives(both: tuple[Log, MapOfLogs], drive: Log):
     _, made = both
     graph = corrected_graph(made)
-    count = len(made.walked.log.scans)
+    count = len(made.detection.log.scans)
     assert graph.scans == len(graph.vertices) == count
     missing = set(range(count - 1)) - {edge.start for edge in graph.steps}
     assert missing == {len(drive.scans) - 1}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gtsam_oracle import optimise_g2o
 
-from m2t_text.loops.detection import Walk
+from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.export import to_g2o, write
 from m2t_text.loops.graph import pose_graph
 from m2t_text.slam.correction import constraints_of
@@ -60,8 +60,8 @@ def test_slopes_are_derivatives():
                 assert slopes[row, :, 3 * side + axis] == pytest.approx(numeric, abs=1e-5)
 
 
-def test_gtsam_finds_the_same_poses(walked: Walk, tmp_path: Path):
-    graph = pose_graph(walked)
+def test_gtsam_finds_the_same_poses(detection: LoopDetection, tmp_path: Path):
+    graph = pose_graph(detection)
     write(tmp_path / "graph.g2o", to_g2o(graph))
     found = optimise(graph.vertices, constraints_of([*graph.steps, *graph.loops], robust=False))
     assert np.abs(found - graph.vertices).max() > 0.1

@@ -57,14 +57,14 @@ def evaluate(
     m2t-text evaluate robot-corrected.log --profile paper --plot pictures
     """
     from m2t_text.evaluation.report import report
-    from m2t_text.evaluation.run import Request
+    from m2t_text.evaluation.run import EvaluationRequest
     from m2t_text.evaluation.run import evaluate as run
 
     if plot is not None:
         make_folder(plot)  # before the work, not after it
     compile_all_for(parameters_of(profile))
     with bars() as progress:
-        evaluation = run(Request(sources, profile, queries, seed, cores(jobs), reading), progress)
+        evaluation = run(EvaluationRequest(sources, profile, queries, seed, cores(jobs), reading), progress)
     for one in evaluation.datasets:
         for warning in one.log.warnings:
             note(f"warning: {one.log.name}: {warning}")

@@ -57,7 +57,7 @@ def evaluate_loops(
     """
     from m2t_text.evaluation.loops import assess
     from m2t_text.evaluation.relations import read_relations
-    from m2t_text.loops.detection import walk
+    from m2t_text.loops.detection import detect_loops
     from m2t_text.sources.opening import dataset_names, open_log
     from m2t_text.util.workers import cores
 
@@ -73,8 +73,8 @@ def evaluate_loops(
             log = open_log(source, reading, partial(tell, "reading"))
             for warning in log.warnings:
                 note(f"warning: {log.name}: {warning}")
-            walked = walk(log, None, cores(jobs), tell)
-            assessments.append(assess(walked, known, cores(jobs), tell))
+            detection = detect_loops(log, None, cores(jobs), tell)
+            assessments.append(assess(detection, known, cores(jobs), tell))
     if as_json:
         print_json({"datasets": [one.to_json() for one in assessments]})
     elif known is not None:

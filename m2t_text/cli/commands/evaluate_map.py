@@ -14,7 +14,7 @@ from m2t_text.util.files import make_folder
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
-    from m2t_text.evaluation.saved_maps import Evaluated
+    from m2t_text.evaluation.saved_maps import EvaluatedMap
     from m2t_text.sources.opening import SourceOptions
 
 
@@ -59,11 +59,13 @@ def evaluate_map(
     m2t-text evaluate-map robot.log --run 0          single scans
     m2t-text evaluate-map robot.log --maps drawn     to index drawn/robot-map.yaml
     """
-    from m2t_text.evaluation.saved_maps import Request, evaluate
+    from m2t_text.evaluation.saved_maps import MapEvaluationRequest, evaluate
 
     if maps is not None:
         make_folder(maps)
-    request = Request(sources, run, queries, covered, seed=seed, jobs=cores(jobs), folder=maps, options=reading)
+    request = MapEvaluationRequest(
+        sources, run, queries, covered, seed=seed, jobs=cores(jobs), folder=maps, options=reading
+    )
     compile_all_for(PROFILES["default"])
     with bars() as progress:
         evaluated = evaluate(request, progress)
@@ -76,7 +78,7 @@ def evaluate_map(
         _print(evaluated, run)
 
 
-def _print(evaluated: "list[Evaluated]", run: float) -> None:
+def _print(evaluated: "list[EvaluatedMap]", run: float) -> None:
     columns = {
         "log": "left",
         "free (m²)": "right",

@@ -119,14 +119,14 @@ def index(
     m2t-text index floor.yaml
     """
     from m2t_text.index.map_index import MapIndex
-    from m2t_text.sources.indexing import Request, index_sources
+    from m2t_text.sources.indexing import IndexRequest, index_sources
     from m2t_text.util.compiled import Group
 
     parameters = parameters_of(profile or "default")
     compile_beside([*Group.of_search(parameters.matching.score), Group.SIEVING])
     compile_first([Group.DESCRIBING])
     with bars() as progress:
-        report = index_sources(Request(sources, index, profile, cores(jobs), reading), progress)
+        report = index_sources(IndexRequest(sources, index, profile, cores(jobs), reading), progress)
     for dataset in report.indexed:
         for warning in dataset.warnings:
             note(f"warning: {dataset.name}: {warning}")

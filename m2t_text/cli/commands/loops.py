@@ -14,7 +14,7 @@ from m2t_text.util.files import check_folder
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
-    from m2t_text.loops.detection import Walk
+    from m2t_text.loops.detection import LoopDetection
     from m2t_text.sources.opening import SourceOptions
 
 
@@ -44,7 +44,7 @@ def loops(
 ) -> None:
     """Find where a drive comes back to places, as the loop edges of a pose graph.
 
-    The log is walked in the order of time, and each place is looked up among those that the robot had left
+    The log is detection in the order of time, and each place is looked up among those that the robot had left
     before. Only a `match` that neither the trajectory nor another loop contradicts becomes an edge. With an
     index, places of other drives count too, and its own past as far as the index holds it.
 
@@ -58,7 +58,7 @@ def loops(
     m2t-text loops new.log --index indexes/office --g2o both.g2o
     """
     from m2t_text.index.map_index import MapIndex
-    from m2t_text.loops.detection import walk
+    from m2t_text.loops.detection import detect_loops
     from m2t_text.loops.export import to_g2o, to_json, to_tum, write
     from m2t_text.loops.graph import pose_graph
     from m2t_text.sources.opening import open_log
@@ -80,36 +80,37 @@ def loops(
     with bars() as progress:
         shown = reading.name or dataset_name(source)
         log = open_log(source, reading, partial(progress, shown, "reading"))
-        walked = walk(log, opened, cores(jobs), partial(progress, shown))
+        detection = detect_loops(log, opened, cores(jobs), partial(progress, shown))
     for warning in log.warnings:
         note(f"warning: {log.name}: {warning}")
-    graph = pose_graph(walked)
-    for path, text in ((g2o, to_g2o(graph)), (tum, to_tum(walked))):
+    graph = pose_graph(detection)
+    for path, text in ((g2o, to_g2o(graph)), (tum, to_tum(detection))):
         if path is not None:
             write(path, text)
             note(f"wrote {path}")
     if mcap is not None:
         from m2t_text.loops.foxglove import write_mcap
 
-        write_mcap(walked, graph, mcap)
+        write_mcap(detection, graph, mcap)
         note(f"wrote {mcap}")
     if plot is not None:
-        from m2t_text.loops.plots import plot_walk
+        from m2t_text.loops.plots import plot_detection
 
-        plot_walk(walked, graph, plot)
+        plot_detection(detection, graph, plot)
         note(f"drew {plot}")
     if as_json:
-        print_json(to_json(walked, graph))
+        print_json(to_json(detection, graph))
     else:
-        _print(walked)
+        _print(detection)
 
 
-def _print(walked: "Walk") -> None:
-    refused, waiting = len(walked.refused), len(walked.waiting)
+def _print(detection: "LoopDetection") -> None:
+    refused, waiting = len(detection.refused), len(detection.waiting)
+    log, travelled = detection.log, detection.survey.way[-1]
     print_lines(
-        f"{walked.log.name}: {len(walked.log.scans):,} scans, {walked.survey.way[-1]:,.1f} m of travel",
-        f"{walked.queries:,} places looked up, {walked.matches:,} with the verdict `match`",
-        f"{len(walked.loops):,} loops",
+        f"{log.name}: {len(log.scans):,} scans, {travelled:,.1f} m of travel",
+        f"{detection.queries:,} places looked up, {detection.matches:,} with the verdict `match`",
+        f"{len(detection.loops):,} loops",
         f"{refused:,} matches refused, which contradict the trajectory or other loops",
         f"{waiting:,} matches left out, which nothing confirms",
     )

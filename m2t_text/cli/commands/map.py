@@ -80,11 +80,12 @@ def map_command(
 
 
 def _print(made: "MapOfLogs", written: list[Path]) -> None:
-    correction, grid, walked = made.correction, made.grid, made.walked
+    correction, grid, detection = made.correction, made.grid, made.detection
     rows, columns = grid.states.shape
     loops, neighbours = correction.dropped
+    log, travelled = detection.log, detection.survey.way[-1]
     print_lines(
-        f"{walked.log.name}: {len(walked.log.scans):,} scans, {walked.survey.way[-1]:,.1f} m of travel",
+        f"{log.name}: {len(log.scans):,} scans, {travelled:,.1f} m of travel",
         f"{correction.count('loop'):,} loops found by text, {loops:,} more left out as others contradict them",
         f"{correction.count('neighbour'):,} pairs of neighbouring scans, {neighbours:,} more left out",
         f"{columns * grid.resolution:,.1f} m x {rows * grid.resolution:,.1f} m, cells of {grid.resolution:g} m",

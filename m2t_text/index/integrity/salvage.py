@@ -16,7 +16,7 @@ BROKEN = (MapIndexError, ValueError, TypeError, LookupError, NameError, Overflow
 
 
 @dataclass(frozen=True)
-class Found:
+class Salvaged:
     """One live map of a segment.
 
     Attributes:
@@ -28,14 +28,14 @@ class Found:
     exact: bool
 
 
-def maps_of(storage: MapStorage, segment: MapSegment) -> Iterator[Found]:
+def maps_of(storage: MapStorage, segment: MapSegment) -> Iterator[Salvaged]:
     """All live maps of a segment; those that cannot be verified are lost."""
     columns = _columns(storage, segment)
     for number in range(segment.doc_count_all()):
         if not segment.is_deleted(number):
             stored = {name: _value(column, number) for name, column in columns.items()}
             document = _verified(stored, segment)
-            yield Found(document, document is not None and _exact(document, stored))
+            yield Salvaged(document, document is not None and _exact(document, stored))
 
 
 def _columns(storage: MapStorage, segment: MapSegment) -> dict[str, Any]:

@@ -15,7 +15,7 @@ U = np.uint64
 BLANK = 16  # rows before and behind the place of nothing
 
 
-class Grid(NamedTuple):
+class BitGrid(NamedTuple):
     """A square grid about the viewpoint.
 
     Attributes:
@@ -66,7 +66,7 @@ class Scratch(NamedTuple):
 
 
 KINDS = 4  # of keypoints: in the first column of their coarse cell or not, and in its first row or not
-COARSE, FINE = Grid(12), Grid(38)
+COARSE, FINE = BitGrid(12), BitGrid(38)
 STEP = 3  # cells of a map, in x and in y, that lie in one of the coarse grid
 ANY, FIRST_X, FIRST_Y = U(1), U(2), U(4)  # bits of a coarse cell: a keypoint, one in its first column, in its
 # first row, and FIRST_X * FIRST_Y: one in both

@@ -23,7 +23,7 @@ from m2t_text.description.document import Document
 from m2t_text.errors import M2TError, MapFileError
 from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.saved_maps.header import read_header
-from m2t_text.sources.indexing import Request, index_sources
+from m2t_text.sources.indexing import IndexRequest, index_sources
 from m2t_text.sources.opening import LogSource, SourceOptions, open_source
 from m2t_text.util.names import SAVED_MAPS
 from m2t_text.util.types import StageProgress
@@ -176,7 +176,7 @@ def _describe(job: Job, send: Send) -> None:
 
 def _add(job: Job, send: Send) -> None:
     assert job.index is not None
-    request = Request([job.path], job.index, options=SourceOptions(job.name))
+    request = IndexRequest([job.path], job.index, options=SourceOptions(job.name))
     progress = _progress(send)
     report = index_sources(request, lambda what, stage, done, of: progress(stage, done, of))
     for line in report.failed:

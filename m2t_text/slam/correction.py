@@ -50,7 +50,7 @@ class Correction:
 
 
 def correct(detection: LoopDetection, jobs: int = 1, progress: StageProgress | None = None) -> Correction:
-    """The drives, corrected. It looks at all of them at once: what it says of a scan may follow from later ones."""
+    """The drives, corrected. It looks at all of them at once: a scan may be moved by what a later one saw."""
     tell = progress or (lambda stage, done, of: None)
     raw = detection.survey.trajectory
     keys = key_scans(detection.log, raw)

@@ -1,7 +1,7 @@
 """How sure the pose of an alignment is: the covariance of a point-to-line fit, and of the pose it leads to."""
 
 import numpy as np
-from scipy.spatial import KDTree
+from numpy.typing import NDArray
 
 from m2t_text.description.document import Document
 from m2t_text.recognition.raster import INLIER, Shape
@@ -14,6 +14,8 @@ REMAINDER = np.array([0.03, 0.03, 0.01])  # m, m, rad; of the best ones, as drif
 LEAST_NOISE = 0.01  # m
 KNOWN_ANYWAY = np.array([1e-2, 1e-2, 1e-1])  # 1/m², 1/m², 1/rad²; information that is taken for granted
 CORRELATION = 25.0  # neighbouring keypoints err together: so many count as one
+SAMPLED = 1000  # keypoints of the query at most: more say no more
+PAIRS = 1 << 20  # of keypoints compared at once
 
 
 def fit_covariance(query: Shape, found: Shape, pose: Floats) -> Floats:
@@ -24,16 +26,32 @@ def fit_covariance(query: Shape, found: Shape, pose: Floats) -> Floats:
     back = inverse(pose)
     walls = transform(back, found.points)
     across = transform(np.array([0.0, 0.0, back[2]]), found.normals)
-    near = KDTree(walls).query(query.points, distance_upper_bound=INLIER)
-    distance, nearest = (np.asarray(part) for part in near)
-    points, partner = query.points[np.isfinite(distance)], nearest[np.isfinite(distance)]
+    every = -(-len(query.points) // SAMPLED) or 1
+    partner = _nearest(query.points[::every], walls)
+    points, partner = query.points[::every][partner >= 0], partner[partner >= 0]
     lever = across[partner, 1] * points[:, 0] - across[partner, 0] * points[:, 1]
     slopes = np.column_stack([across[partner], lever])
     misfit = ((points - walls[partner]) * across[partner]).sum(axis=1)
     held = max(int(slopes.any(axis=1).sum()), 1)
     variance = max(float((misfit**2).sum()) / held, LEAST_NOISE**2) * CORRELATION
-    fit: Floats = np.linalg.inv(slopes.T @ slopes / variance + np.diag(KNOWN_ANYWAY))
+    fit: Floats = np.linalg.inv(every * slopes.T @ slopes / variance + np.diag(KNOWN_ANYWAY))
     return np.diag(REMAINDER**2) + fit
+
+
+def _nearest(points: Floats, walls: Floats) -> NDArray[np.int64]:
+    """(N,) for each point (N, 2) the nearest of the walls (M, 2), -1 where none lies within INLIER.
+
+    Compared one with all: SciPy's tree would take a tenth of a command to load.
+    """
+    nearest = np.full(len(points), -1)
+    step = max(1, PAIRS // max(len(walls), 1))
+    for begin in range(0, len(points) if len(walls) else 0, step):
+        part = points[begin : begin + step]
+        distance = (part[:, :1] - walls[:, 0]) ** 2 + (part[:, 1:] - walls[:, 1]) ** 2
+        best = distance.argmin(axis=1)
+        near = distance[np.arange(len(part)), best] <= INLIER**2
+        nearest[begin : begin + step][near] = best[near]
+    return nearest
 
 
 def dataset_covariance(query: Document, found: Document, alignment: Alignment, cell: float) -> Floats:

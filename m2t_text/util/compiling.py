@@ -23,7 +23,7 @@ import platformdirs
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
-COMPILED = ("description", "index/kernels", "mapping", "saved_maps")  # folders with compiled functions
+COMPILED = ("description", "index/kernels", "mapping", "recognition", "saved_maps")  # have compiled functions
 SETTING = "NUMBA_CACHE_DIR"  # the variable that names a folder for them
 
 

@@ -26,15 +26,14 @@ MAP_FRAME = np.array([30.0, -4.0, 2.0])  # the building's frame in that of the s
 @pytest.fixture(scope="module")
 def floor(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The index of a map that was drawn on a first visit, in a frame of its own."""
-    from m2t_text.sources.indexing import MapEvaluationRequest as Indexing
-    from m2t_text.sources.indexing import index_sources
+    from m2t_text.sources.indexing import IndexRequest, index_sources
 
     folder = tmp_path_factory.mktemp("floor")
     first = read_log(simulated)
     assert first.ground_truth is not None
     truth = compose(MAP_FRAME, first.ground_truth)
     write_map(build_map(first, truth, np.arange(len(truth))), folder / "floor.yaml")
-    index_sources(Indexing([folder / "floor.yaml"], folder / "index"))
+    index_sources(IndexRequest([folder / "floor.yaml"], folder / "index"))
     return folder / "index"
 
 

@@ -117,7 +117,8 @@ def test_search_with_a_sequence(call: Call, simulated: Path, simulated_index: Pa
     for query in ("drive/000100", f"{simulated}#100"):
         status, out, err = call("search", query, "--index", simulated_index, "--sequence", 12, "--json")
         answer = json.loads(out)
-        assert (status, err) == (0, "") and answer["results"][0]["map_id"] == "drive/000100"
+        said = set(err.splitlines()) - {"compiling once for this machine"}  # by whichever test comes first
+        assert (status, said) == (0, set()) and answer["results"][0]["map_id"] == "drive/000100"
         assert answer["results"][0]["pose"] == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
     status, out, err = call("search", "-", "--index", simulated_index, "--sequence", 12, stdin="x1_y2_a3")
     assert (status, out) == (2, "") and "which a sequence takes" in err

@@ -108,7 +108,7 @@ def test_a_hurt_table_of_contents_is_written_anew(index: MapIndex, name: str) ->
     for each in (name, other):
         (index.path / each).write_bytes(b"nonsense")
     assert check_index(index.path).datasets == () and not check_index(index.path).legible
-    with pytest.raises(MapIndexError, match="nothing can be told"):
+    with pytest.raises(MapIndexError, match="nothing is known of its maps"):
         repair_index(index.path, 1.0)
 
 

@@ -33,8 +33,8 @@ class Site:
     reading: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(4))
 
     async def search(self, function: Callable[[], Result]) -> Result:
-        """What a function gives that searches."""
-        return await to_thread.run_sync(function, limiter=self.searching)
+        """What a function gives that searches. A server that ends does not wait for it."""
+        return await to_thread.run_sync(function, limiter=self.searching, abandon_on_cancel=True)
 
     async def read(self, function: Callable[[], Result]) -> Result:
         """What a function gives that reads."""

@@ -2,8 +2,9 @@
 
 An answer must fit by itself: that is a logistic function of how much of both maps the other one saw, and of the
 shares of it that fit and that conflict. And it must fit better than any other answer: two that fit alike have
-at most half a chance each, however well they fit. The few coefficients are the same for all maps. They were chosen
-by hand, by looking at real logs, saved maps and simulated buildings; `docs/verdict.md` says how far to trust them.
+at most half a chance each, however well they fit. The few coefficients are the same for all maps. They were
+chosen by hand, by looking at real logs, saved maps and simulated buildings; `docs/verdict.md` says how far to
+trust them.
 """
 
 from dataclasses import dataclass

@@ -77,8 +77,9 @@ docs: $(VENV)/.installed-docs  ## the site, in site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # UPDATE=1 writes what is stale anew, CHEAP=1 leaves out what takes long, PAGES="README.md docs/loops.md" picks some.
-docs-check: $(VENV)/.installed-test  ## whether README and docs show what the commands print
+docs-check: $(VENV)/.installed-test  ## whether README and docs show what the commands print, and the notebooks run
 	$(BIN)/python tests/docs_check.py $(if $(UPDATE),--update) $(if $(CHEAP),--cheap) $(PAGES)
+	$(if $(PAGES),,$(BIN)/python -m pytest tests/test_notebooks.py -m notebook -n 2)
 
 # The logs that they fetch are downloaded once.
 notebooks: $(VENV)/.installed-docs $(VENV)/.installed-test  ## run the notebooks, and keep what they show

@@ -24,7 +24,7 @@ LASER = np.linspace(-np.pi / 2, np.pi / 2, 91)
 @pytest.mark.parametrize("name", ["freiburg-101", "freiburg-079"])
 def test_a_run_by_itself_reads_as_in_the_whole_log(radish: Path, name: str) -> None:
     log = read_log(radish / f"{name}-corrected.log.gz")
-    log = replace(log, scans=log.scans[:1500])
+    log = replace(log, scans=log.scans[:800])
     mapping = DEFAULT.mapping
     whole = survey(log, mapping)
     starts = run_starts(whole, mapping.run_length)

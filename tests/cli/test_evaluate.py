@@ -26,7 +26,7 @@ RECALLS = {"1", "3"}
 def loop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log that comes back to places, called as one of the paper's."""
     path = tmp_path_factory.mktemp("loop") / "fr079-simulated.log"
-    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25)), path)
+    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.4)), path)
     return path
 
 
@@ -94,7 +94,7 @@ def test_json(call: Call, loop: Path) -> None:
 def test_several_logs_are_looked_up_in_each_other(loop: Path, tmp_path: Path) -> None:
     """Another drive through the same building is the other log here, so that places are found in it."""
     part = tmp_path / "part.log"
-    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25, drive=1)), part)
+    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.4, drive=1)), part)
     found = evaluate(EvaluationRequest([loop, part], queries=10))
     for dataset in found.datasets:
         asked, matched = dataset.elsewhere
@@ -145,7 +145,7 @@ def test_the_default_profile_keeps_its_recall_on_a_simulated_log(evaluation: Eva
 
 
 def test_the_default_profile_keeps_its_recall_on_a_real_log(radish: Path) -> None:
-    found = evaluate(EvaluationRequest([radish / "freiburg-101-corrected.log.gz"], queries=60, jobs=2))
+    found = evaluate(EvaluationRequest([radish / "freiburg-101-corrected.log.gz"], queries=40, jobs=2))
     figures = methods(found.datasets[0].judgements)
     assert figures["m2t"]["anr"] < 5 and figures["bow"]["anr"] > 15
     assert figures["verified"]["recall_at_1"]["3"] > 95 and figures["verified"]["verdict_precision"] > 98

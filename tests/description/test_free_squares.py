@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -82,6 +82,7 @@ def test_no_such_squares_are_made(square):
         FreeSquares.of(*square)
 
 
+@settings(max_examples=40)
 @given(SQUARES)
 def test_squares_cover_what_they_say(squares):
     covered = cells_of(squares)
@@ -97,6 +98,7 @@ def test_squares_are_their_tokens(squares):
     assert all(np.array_equal(a, b) for a, b in zip(vars(again).values(), vars(squares).values(), strict=False))
 
 
+@settings(max_examples=40)
 @given(SQUARES, st.integers(-5, 8))
 def test_turned_squares_cover_the_turned_cells(squares, quarters):
     turned = cells_of(squares)
@@ -105,6 +107,7 @@ def test_turned_squares_cover_the_turned_cells(squares, quarters):
     assert cells_of(squares.turned(quarters)) == turned
 
 
+@settings(max_examples=30)
 @given(GRIDS, st.integers(-30, 30), st.integers(-30, 30))
 def test_squares_lie_within_what_is_free(cells, x, y):
     free = CellGrid(x, y, cells)

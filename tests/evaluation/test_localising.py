@@ -50,7 +50,7 @@ def test_the_pose_of_a_run_in_the_maps_frame(call: Call, floor: Path, second: tu
     path, log = second
     assert log.ground_truth is not None
     right, sure = [], []
-    for scan in range(0, 170, 12):
+    for scan in range(0, 170, 17):
         answer = json.loads(call("search", f"{path}#{scan}", "--run", 3, "--index", floor, "--json")[1])
         first = answer["results"][0]
         error = pose_error(np.array(first["dataset_pose"]), compose(MAP_FRAME, log.ground_truth[scan]))
@@ -59,14 +59,14 @@ def test_the_pose_of_a_run_in_the_maps_frame(call: Call, floor: Path, second: tu
         hit = MapIndex.open(floor).document(first["map_id"])
         assert first["dataset_pose"] == pytest.approx(compose(hit.pose, np.array(first["pose"])).tolist())
     assert np.mean(right) >= 0.85
-    assert sum(sure) > 5 and all(np.array(right)[sure])
+    assert sum(sure) >= 4 and all(np.array(right)[sure])
 
 
 def test_a_single_scan_is_found(call: Call, floor: Path, second: tuple[Path, Log]) -> None:
     path, log = second
     assert log.ground_truth is not None
     errors = []
-    for scan in range(0, 170, 15):
+    for scan in range(0, 170, 20):
         answer = json.loads(call("search", f"{path}#{scan}", "--run", 0, "--index", floor, "--json")[1])
         assert (answer["query"]["first_scan"], answer["query"]["last_scan"]) == (scan, scan)
         assert answer["results"][0]["pose"] is not None
@@ -144,8 +144,8 @@ def test_what_a_log_is_drawn_into_and_found_in(call: Call, simulated: Path) -> N
 
 
 def test_real_runs_are_found_in_a_map_of_an_earlier_visit(radish: Path) -> None:
-    (intel,) = evaluate(MapEvaluationRequest([radish / "intel-corrected.log.gz"], queries=30, jobs=2))
-    assert len(intel.placed) == 30
+    (intel,) = evaluate(MapEvaluationRequest([radish / "intel-corrected.log.gz"], queries=20, jobs=2))
+    assert len(intel.placed) == 20
     assert intel.right.mean() >= 0.9
     assert intel.match.mean() > 0.7 and intel.right[intel.match].mean() >= 0.98
     errors = np.array([one.error for one in intel.placed])[intel.right]

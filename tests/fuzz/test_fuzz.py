@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 from fuzz import fuzzed
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from targets import TARGETS, tried
 
 FOUND = Path(__file__).with_name("found")
 OWN_TESTS = {"carmen", "carmen-gzip", "bag", "db3", "mcap", "pcd", "ply", "npy", "xyz", "csv"}  # of the readers
+SLOW = {"parts", "messages"}  # a tenth of a second for an input
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +50,16 @@ def test_a_length_beyond_any_in_a_table_of_contents_is_refused(folder: Path, at:
 
 
 @pytest.mark.parametrize("name", sorted(TARGETS.keys() - OWN_TESTS))
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_damage_is_read_or_refused(folder: Path, name: str, data: st.DataObject) -> None:
+def test_damage_is_read_or_refused(folder: Path, name: str) -> None:
+    @settings(max_examples=10 if name in SLOW else 80, deadline=None)
+    @given(data=st.data())
+    def check(data: st.DataObject) -> None:
+        damage(folder, name, data)
+
+    check()
+
+
+def damage(folder: Path, name: str, data: st.DataObject) -> None:
     target = TARGETS[name]
     seeds = target.seeds(folder)
     content = bytearray(data.draw(st.sampled_from(sorted(seeds.values()))))

@@ -33,11 +33,11 @@ def test_readers_see_one_committed_state_each(tmp_path: Path, cycle: readers.Cyc
 
 
 def test_a_long_run_takes_no_more_than_a_short_one(tmp_path: Path, cycle: readers.Cycle) -> None:
-    counts = readers.run_long(tmp_path, cycle, 400, early=100, every=20)
+    counts = readers.run_long(tmp_path, cycle, 240, early=80, every=20)
     assert counts["wrong"] == 0
-    assert counts["bytes after 400"] < 1.05 * counts["bytes after 100"]
-    assert counts["files after 400"] == counts["files after 100"]
-    assert counts["mappings after 400"] <= counts["mappings after 100"] + 3
+    assert counts["bytes after 240"] < 1.05 * counts["bytes after 80"]
+    assert counts["files after 240"] == counts["files after 80"]
+    assert counts["mappings after 240"] <= counts["mappings after 80"] + 3
 
 
 def test_a_pinned_index_keeps_its_state_while_others_commit_and_merge(tmp_path: Path) -> None:

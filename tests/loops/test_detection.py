@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import cut
 
 from m2t_text.config import PROFILES
 from m2t_text.errors import LogError
@@ -18,11 +19,6 @@ from m2t_text.loops.graph import pose_graph
 from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe_survey
 from m2t_text.util.geometry import between
-
-
-def cut(log: Log, scans: int) -> Log:
-    assert log.ground_truth is not None
-    return replace(log, scans=log.scans[:scans], ground_truth=log.ground_truth[:scans])
 
 
 def off(poses: np.ndarray, log: Log, loop: Loop) -> float:
@@ -71,7 +67,7 @@ def test_an_index_of_the_drive_itself_shows_its_past(drive: Log, tmp_path: Path)
 
 
 def test_places_of_another_drive_become_vertices(drive: Log, tmp_path: Path):
-    other = replace(simulate(Simulation(seed=5, drive=1, length=24.0, travel=50.0, step=0.25)), name="other")
+    other = replace(simulate(Simulation(seed=5, drive=1, length=24.0, travel=35.0, step=0.25)), name="other")
     detection = detect_loops(drive, indexed(other, tmp_path / "index"))
     graph = pose_graph(detection)
     assert len(detection.loops) >= 10 and graph.scans == len(drive.scans)

@@ -80,7 +80,7 @@ def test_key_scans_are_a_step_or_a_turn_apart(drive: Log):
 @pytest.fixture(scope="module")
 def both(drive: Log) -> tuple[Log, MapOfLogs]:
     """Another drive through the same building, and the map of both."""
-    other = simulate(Simulation(seed=5, drive=1, length=24.0, travel=60.0, step=0.25, laser_offset=0.2))
+    other = simulate(Simulation(seed=5, drive=1, length=24.0, travel=35.0, step=0.25, laser_offset=0.2))
     return other, map_logs([drive, replace(other, name="other")], "both", resolution=0.1)
 
 
@@ -103,7 +103,7 @@ def robot_with_the_laser_of(drive: Log, other: Log) -> np.ndarray:
 
 
 def test_a_log_of_another_building_is_left_out(drive: Log):
-    elsewhere = replace(simulate(Simulation(seed=8, length=24.0, travel=20.0, step=0.25)), name="elsewhere")
+    elsewhere = replace(simulate(Simulation(seed=8, length=24.0, travel=12.0, step=0.25)), name="elsewhere")
     made = map_logs([drive, elsewhere], "both", resolution=0.1)
     assert made.left_out == ["elsewhere"]
     assert [one["joined"] for one in made.to_json()["datasets"]] == [True, False]

@@ -81,8 +81,8 @@ def test_deletions_and_several_segments(tmp_path: Path) -> None:
     with index.whoosh.writer() as writer:
         writer.delete_by_term("map_id", "a/000002")
         writer.merge = False
-    for seed in range(3):
-        text = random_text(np.random.default_rng(seed), 20)
+    for seed in range(2):
+        text = random_text(np.random.default_rng(seed), 8)
         assert "a/000002" not in assert_same(index.whoosh, text, 10, (0, 1, 2, 3))
 
 
@@ -92,10 +92,10 @@ def test_maps_of_a_real_log(radish: Path, tmp_path: Path, profile: str) -> None:
     begin = replace(log, scans=log.scans[:90], ground_truth=None)
     index = MapIndex.create(tmp_path / "index", PROFILES[profile])
     index.add(LogSource(begin))
-    some = [one.text for one in index.documents()][::30]
-    assert len(some) > 2
-    for text in some:
-        sparse = Text.of(text.wx[::8], text.wy[::8], text.wa[::8])  # each token has 441 neighbours to look up
+    some = [one.text for one in index.documents()][::45]
+    assert len(some) >= 2
+    for text in some:  # each token has 441 neighbours to look up
+        sparse = Text.of(text.wx[::16], text.wy[::16], text.wa[::16])
         assert max(assert_same(open_dir(index.path), sparse, 10, (0, 3)).values()) == len(sparse)
 
 

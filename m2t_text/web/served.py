@@ -1,10 +1,11 @@
 """The indexes that a server offers: of each the latest committed state, and what was made of that state."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
+from zlib import crc32
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from m2t_text.index.map_index import MapIndex
 from m2t_text.index.merging import indexes_in
 from m2t_text.index.results import IndexInfo, Overview
 from m2t_text.index.writing.folder import no_index, revision
+from m2t_text.saved_maps.grid import Grid
 from m2t_text.web.packing import Bytes, pack_places
-from m2t_text.web.walls import walls_of
+from m2t_text.web.walls import walls_of, walls_of_image
 
 Made = TypeVar("Made")
 
@@ -25,11 +27,13 @@ class Committed:
     Attributes:
         index: pinned to the state.
         revision: a different string for each state.
+        images: of saved maps, by the dataset that was made of them.
     """
 
-    def __init__(self, index: MapIndex, revision: str) -> None:
+    def __init__(self, index: MapIndex, revision: str, images: Mapping[str, Grid] | None = None) -> None:
         self.index = index
         self.revision = revision
+        self.images = images or {}
         self._made: dict[str, object] = {}
         self._lock = threading.RLock()
 
@@ -56,8 +60,10 @@ class Committed:
         return self._once("places", lambda: pack_places(self.overview))
 
     def walls(self, dataset: str) -> Bytes:
-        """What a dataset's maps saw, in the frame of its trajectory; see `walls_of`."""
+        """What a dataset's maps saw, or its image, in the frame of its trajectory; see `walls_of`."""
         part = self.slice_of(dataset)
+        if dataset in self.images:
+            return self._once(f"walls {dataset}", lambda: walls_of_image(self.images[dataset]))
         return self._once(f"walls {dataset}", lambda: walls_of(self.index, self.overview, part))
 
     def _once(self, name: str, make: Callable[[], Made]) -> Made:
@@ -72,11 +78,14 @@ class Library:
 
     Attributes:
         path: of the index that is shown first; there need not be one yet.
+        images: of saved maps, by the names of their datasets.
     """
 
-    def __init__(self, path: Path, with_others: bool = False) -> None:
+    def __init__(self, path: Path, with_others: bool = False, images: Mapping[str, Grid] | None = None) -> None:
         self.path = path
+        self.images = dict(images or {})
         self._with_others = with_others
+        self._imaged = "".join(f" {crc32(grid.states.tobytes()):08x}" for grid in self.images.values())
         self._states: dict[str, Committed] = {}
         self._lock = threading.Lock()
 
@@ -105,8 +114,9 @@ class Library:
             if current is None:
                 self._states.pop(path.name, None)
                 raise NoIndexError(str(no_index(path)))
+            current += self._imaged  # what a browser has kept of other images is not shown
             if known is None or known.revision != current:
-                known = Committed(MapIndex.open(path).pinned(), current)
+                known = Committed(MapIndex.open(path).pinned(), current, self.images)
                 self._states[path.name] = known
             return known
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import uvicorn
 
 from m2t_text.errors import M2TError
+from m2t_text.sources.saved_map import SavedMap
 from m2t_text.web.app import Site, create_app
 from m2t_text.web.security import access_to, with_port
 from m2t_text.web.served import Library
@@ -30,6 +31,7 @@ class Serving:
         port: None for PORT, or the next that is free.
         names: by which others reach the host.
         write: whether uploads may be added to the index.
+        maps: YAML files of saved maps, whose images are shown where the datasets of their names are.
     """
 
     index: Path
@@ -38,6 +40,7 @@ class Serving:
     port: int | None = None
     names: Sequence[str] = ()
     write: bool = False
+    maps: Sequence[Path] = ()
 
 
 @dataclass(frozen=True)
@@ -59,11 +62,12 @@ class Opened:
 
 
 def open_server(what: Serving) -> Opened:
-    """Raises M2TError if the host or port cannot be listened on."""
+    """Raises M2TError if the host or port cannot be listened on, or a saved map cannot be read."""
+    images = {saved.name: saved.grid for saved in map(SavedMap.read, what.maps)}
     listening = _listen(what.host, what.port)
     port = int(listening.getsockname()[1])
     access = access_to(what.host, port, what.names, os.environ.get(TOKEN) or None)
-    app = create_app(Site(Library(what.index, what.others), what.write), access)
+    app = create_app(Site(Library(what.index, what.others, images), what.write), access)
     names = [what.host] if with_port(what.host, port) in access.hosts else [*what.names, socket.gethostname()]
     address = f"http://{with_port(names[0], port)}/" + (f"?token={access.token}" if access.token else "")
     config = uvicorn.Config(
@@ -76,7 +80,7 @@ def serve(what: Serving, ready: Callable[[str], None], show: bool = False) -> No
     """Serves until it is interrupted. ``ready`` is called with the address; with ``show`` a browser opens it.
 
     Raises:
-        M2TError: if the host or port cannot be listened on.
+        M2TError: if the host or port cannot be listened on, or a saved map cannot be read.
     """
     opened = open_server(what)
     ready(opened.address)

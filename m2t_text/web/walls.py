@@ -1,4 +1,4 @@
-"""The walls of a building and its floor, as a sample of a dataset's maps saw them."""
+"""Walls and floor of a building: as a sample of a dataset's maps saw them, or from a saved map's image."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.results import Overview
+from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
 from m2t_text.util.geometry import compose, transform
 from m2t_text.util.types import Floats
 from m2t_text.web.packing import Bytes, pack
@@ -21,6 +22,7 @@ SEEN = 255  # maps that saw one cell, at most
 FLOOR = 2  # cells; the floor is drawn in coarser ones
 
 Columns = dict[str, NDArray[Any]]
+Drawn = tuple[dict[str, Any], Columns]  # a header, and what it describes
 
 
 def walls_of(index: MapIndex, overview: Overview, part: slice) -> Bytes:
@@ -30,10 +32,16 @@ def walls_of(index: MapIndex, overview: Overview, part: slice) -> Bytes:
     return pack(header, columns)
 
 
-def walls_and_places(documents: Sequence[Document], cell: float) -> Bytes:
+def walls_of_image(grid: Grid) -> Bytes:
+    """The cells of a saved map, in its frame; see `drawn`."""
+    return pack(*drawn_image(grid))
+
+
+def walls_and_places(documents: Sequence[Document], cell: float, image: Drawn | None = None) -> Bytes:
     """What maps that are not in an index saw, and where they begin: columns ``place_x``, ``place_y``,
-    ``place_theta``, ``travel`` and ``first_scan``."""
-    header, columns = drawn(documents[::2], cell)
+    ``place_theta``, ``travel`` and ``first_scan``. A saved map's image is shown instead of what they saw."""
+    header, seen = image or drawn(documents[::2], cell)
+    columns = dict(seen)
     poses = np.array([document.pose for document in documents], dtype=np.float32).reshape(-1, 3)
     columns |= {
         "place_x": poses[:, 0].copy(),
@@ -45,7 +53,7 @@ def walls_and_places(documents: Sequence[Document], cell: float) -> Bytes:
     return pack(header | {"maps": len(documents)}, columns)
 
 
-def drawn(documents: Sequence[Document], cell: float) -> tuple[dict[str, Any], Columns]:
+def drawn(documents: Sequence[Document], cell: float) -> Drawn:
     """Occupied cells and free ones, counted from an ``origin`` (metres, in the frame of the dataset).
 
     Columns are ``x``, ``y`` and ``seen``, how many maps have each occupied cell, which is of the size ``cell``
@@ -53,11 +61,23 @@ def drawn(documents: Sequence[Document], cell: float) -> tuple[dict[str, Any], C
     """
     walls = [placed(document, document.text.positions() * cell) for document in documents]
     floors = [placed(document, _floor(document) * cell) for document in documents]
+    return _in_cells(walls, floors, cell)
+
+
+def drawn_image(grid: Grid) -> Drawn:
+    """The same of the cells of a saved map. All its walls are as sure as walls can be."""
+    header, columns = _in_cells([grid.centres(OCCUPIED)], [grid.centres(FREE)], grid.resolution)
+    columns["seen"][:] = SEEN
+    return header, columns
+
+
+def _in_cells(walls: Sequence[Floats], floors: Sequence[Floats], cell: float) -> Drawn:
+    """From points (N, 2) of each map on walls and floors, metres in the frame of the dataset."""
     points = np.concatenate([np.zeros((0, 2)), *walls, *floors])
     origin = np.floor(points.min(axis=0) / cell) * cell if len(points) else np.zeros(2)
     cells, seen, side = gathered([one - origin for one in walls], cell)
     free, _, free_side = gathered([one - origin for one in floors], FLOOR * cell)
-    header = {"cell": side, "floor_cell": free_side, "origin": origin.tolist(), "maps": len(documents)}
+    header = {"cell": side, "floor_cell": free_side, "origin": origin.tolist(), "maps": len(walls)}
     return header, {
         "x": cells[:, 0].astype(np.uint16),
         "y": cells[:, 1].astype(np.uint16),

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode, urlsplit
 
+import numpy as np
+
 from m2t_text.web.serving import Opened, Serving, open_server
 
 BINARY = {"Content-Type": "application/octet-stream"}
@@ -62,6 +64,19 @@ class Client:
     def send(self, file: Path, name: str | None = None) -> Answer:
         """Uploads a file."""
         return self.ask("/api/uploads", {"name": name or file.name}, "POST", file.read_bytes(), BINARY)
+
+
+def unpacked(body: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and columns of an answer in binary."""
+    length = int.from_bytes(body[:4], "little")
+    header = json.loads(body[4 : 4 + length])
+    at, columns = 4 + length, {}
+    for column in header["columns"]:
+        array = np.frombuffer(body, f"<{column['type']}", column["length"], at)
+        columns[column["name"]] = array
+        at += array.nbytes + -array.nbytes % 8
+    assert at == len(body)
+    return header, columns
 
 
 @contextmanager

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calling import Call
-from serving import Client, served
+from serving import Client, served, unpacked
 
 from m2t_text.index.map_index import MapIndex
+from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from m2t_text.saved_maps.writing import write_map
+from m2t_text.sources.indexing import IndexRequest, index_sources
 
 
 @pytest.fixture(scope="module")
@@ -46,18 +49,33 @@ def test_a_map_is_inspected_as_by_the_command(client: Client, simulated_index: P
     assert {name: told[name] for name in json.loads(out)} == json.loads(out)
 
 
+def test_the_image_of_a_saved_map_is_shown_as_its_walls(tmp_path: Path) -> None:
+    """Every cell of it, in the map's frame; and no copy that a browser kept of what the maps saw."""
+    states = np.full((90, 120), UNKNOWN, dtype=np.int8)
+    states[10:80, 10:110] = FREE
+    states[[10, 79], 10:110] = states[10:80, [10, 109]] = states[40:44, 50:60] = OCCUPIED
+    grid = Grid(states, 0.05, np.array([-3.0, 1.0, 0.0]))
+    write_map(grid, tmp_path / "room.yaml")
+    index_sources(IndexRequest([tmp_path / "room.yaml"], tmp_path / "index"))
+    with served(tmp_path / "index") as client:
+        seen = client.ask("/api/walls", {"dataset": "room"})
+    with served(tmp_path / "index", maps=[tmp_path / "room.yaml"]) as client:
+        drawn = client.ask("/api/walls", {"dataset": "room"})
+        missing = client.ask("/api/walls", {"dataset": "other"})
+    assert missing.status == 404 and drawn.headers["etag"] != seen.headers["etag"]
+    header, columns = unpacked(drawn.body)
+    cells = (np.stack([columns["x"], columns["y"]], axis=1) + 0.5) * header["cell"] + header["origin"]
+    assert header["cell"] == 0.05
+    wanted = {tuple(cell) for cell in grid.centres(OCCUPIED).round(6).tolist()}
+    assert {tuple(cell) for cell in cells.round(6).tolist()} == wanted and len(cells) == len(wanted)
+    floor = np.stack([columns["floor_x"], columns["floor_y"]], axis=1) * header["floor_cell"] + header["origin"]
+    assert (floor.min(axis=0) < [-2.4, 1.6]).all() and (floor.max(axis=0) > [2.3, 4.8]).all()
+
+
 def test_places_are_where_the_maps_begin(client: Client, simulated_index: Path) -> None:
-    body = client.ask("/api/places").body
-    length = int.from_bytes(body[:4], "little")
-    header = json.loads(body[4 : 4 + length])
+    header, columns = unpacked(client.ask("/api/places").body)
     documents = list(MapIndex.open(simulated_index).documents())
     assert header["maps"] == len(documents)
-    at, columns = 4 + length, {}
-    for column in header["columns"]:
-        array = np.frombuffer(body, f"<{column['type']}", column["length"], at)
-        columns[column["name"]] = array
-        at += array.nbytes + -array.nbytes % 8
-    assert at == len(body)
     assert np.allclose(columns["x"], [one.pose[0] for one in documents])
     assert columns["first_scan"].tolist() == [one.first_scan for one in documents]
 

@@ -15,6 +15,10 @@ from PIL import Image
 from serving import Client, served
 
 from m2t_text.index.map_index import MapIndex
+from m2t_text.logs import read_log
+from m2t_text.saved_maps.occupancy_mapping import build_map
+from m2t_text.saved_maps.writing import write_map
+from m2t_text.sources.indexing import IndexRequest, index_sources
 
 ROOT = Path(__file__).parents[2]
 AXE = ROOT / "node_modules" / "axe-core" / "axe.min.js"
@@ -320,3 +324,33 @@ def test_axe_finds_nothing_serious(open_page: Open, address: str, scheme: str) -
     found = page.evaluate("axe.run()")["violations"]
     serious = [one for one in found if one["impact"] in ("serious", "critical")]
     assert not [(one["id"], [node["html"] for node in one["nodes"]][:3]) for one in serious]
+
+
+def test_a_click_into_the_image_of_a_saved_map_finds_the_robot(
+    open_page: Open, simulated: Path, tmp_path: Path
+) -> None:
+    """The pose is that of the place that was clicked, with how far it may be off."""
+    log = read_log(simulated)
+    assert log.ground_truth is not None
+    write_map(build_map(log, log.ground_truth, np.arange(len(log.scans))), tmp_path / "floor.yaml")
+    index_sources(IndexRequest([tmp_path / "floor.yaml"], tmp_path / "index"))
+    with served(tmp_path / "index", maps=[tmp_path / "floor.yaml"]) as server:
+        page = open_page(server=server)
+        wait(page, READY)
+        wait(page, WALLS)
+        page.wait_for_timeout(100)
+        assert of_colour(page, "#building", "floor") > 5000
+        robot = log.ground_truth[60]
+        x, y = page.evaluate(
+            "([x, y]) => m2t.building.toScreen(x + m2t.building.frames[0].x, y + m2t.building.frames[0].y)",
+            robot[:2].tolist(),
+        )
+        box = page.locator("#building").bounding_box()
+        page.mouse.click(box["x"] + x, box["y"] + y)
+        wait(page, ANSWERED)
+        told = re.search(
+            r"pose in floor: (-?[\d.]+) (-?[\d.]+) m, .* ± ([\d.]+), ([\d.]+) m", page.inner_text("#verdict")
+        )
+        assert told is not None
+        found = np.array([float(number) for number in told.groups()])
+        assert np.hypot(*(found[:2] - robot[:2])) < 1.5 and (found[2:] < 0.2).all()

@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 import pytest
-from serving import BINARY, Client, served
+from serving import BINARY, Client, served, unpacked
 from states import contents
 
 from m2t_text.config import PROFILES
@@ -113,6 +113,9 @@ def test_a_saved_map_waits_for_its_image_and_for_nothing_else(client: Client, tm
     assert client.ask(f"/api/uploads/{upload['id']}/room.pgm", None, "PUT", image, BINARY).status == 201
     told = settled(client, upload)
     assert told["state"] == "ready" and told["maps"] > 0 and not told["driven"]
+    header, columns = unpacked(client.ask(f"/api/uploads/{upload['id']}/places").body)
+    assert header["cell"] == 0.05 and len(columns["x"]) == (states == 1).sum()  # its image
+    assert len(columns["place_x"]) == header["maps"] == told["maps"]
 
 
 @pytest.mark.parametrize("image", ["/etc/hostname", "../secret.pgm", "a/../../x.pgm", "sub/room.pgm"])

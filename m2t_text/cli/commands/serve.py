@@ -1,5 +1,6 @@
 """The command `serve`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -31,6 +32,12 @@ def serve(
             "--open/--no-open", help="Open the page in a browser.", show_default="if there is a screen"
         ),
     ] = None,
+    saved_map: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--map", metavar="MAP.yaml", help="Show the image of a saved map where its dataset is; repeatable."
+        ),
+    ] = None,
     write: Annotated[bool, typer.Option("--write", help="Let the page add what is dropped on it.")] = False,
 ) -> None:
     """Open the page on which places are found: a building with all its maps, queries and their hits.
@@ -43,6 +50,7 @@ def serve(
     \b
     m2t-text serve
     m2t-text serve --index indexes/office --write      dropped logs may be added
+    m2t-text serve --map floor.yaml                    its image beneath the places of dataset floor
     m2t-text serve --port 9000 --no-open               for programs
     m2t-text serve --host 0.0.0.0 --public-name robot  for others, who need the token that it prints
     """
@@ -59,7 +67,7 @@ def serve(
     compile_beside(Group)
     source = context.get_parameter_source("index")
     unnamed = source is not None and source.name == "DEFAULT"
-    what = Serving(index, unnamed, host, port, name or (), write)
+    what = Serving(index, unnamed, host, port, name or (), write, saved_map or ())
     run(what, _tell, has_screen() if open_page is None else open_page)
 
 

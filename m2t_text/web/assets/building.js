@@ -7,6 +7,7 @@ import { coarser, layOut } from "./layout.js";
 import { drawMarks } from "./marks.js";
 
 const NEAR = 12; // pixels within which a place is pointed at
+const MEANT = 2; // metres; a click so near to a place means it
 const SHADES = 8;
 
 export class Building {
@@ -339,7 +340,8 @@ export class Building {
   }
 
   choose(px, py, event) {
-    const guest = this.pickGuest(px, py), number = guest >= 0 ? -1 : this.pick(px, py, 24);
+    const reach = Math.max(24, MEANT * this.view.scale);
+    const guest = this.pickGuest(px, py), number = guest >= 0 ? -1 : this.pick(px, py, reach);
     if (number >= 0 || guest >= 0) this.picked(number, guest, event.shiftKey);
   }
 

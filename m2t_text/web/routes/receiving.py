@@ -74,7 +74,9 @@ class Receiving:
         """What the maps of an upload saw, as `walls` gives it, and where they begin."""
         upload = self._site.uploads.get(request.path_params["id"])
         parameters = await self._site.read(lambda: self._site.parameters(request.query_params.get("index")))
-        data = await self._site.read(lambda: walls_and_places(list(upload.documents), parameters.mapping.cell))
+        data = await self._site.read(
+            lambda: walls_and_places(list(upload.documents), parameters.mapping.cell, upload.image)
+        )
         return Response(data, media_type="application/octet-stream")
 
     async def add_upload(self, request: Request) -> Response:

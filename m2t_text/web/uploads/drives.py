@@ -13,6 +13,7 @@ from m2t_text.live.survey import LiveSurvey
 from m2t_text.logs.log import Log
 from m2t_text.pipeline import describe
 from m2t_text.util.types import Progress
+from m2t_text.web.walls import Drawn
 
 SPACING = 1.0  # m of travel from one place of a drive to the next
 NUMBERS = ("travel", "pose", "viewpoint", "centre_of_gravity")
@@ -60,3 +61,16 @@ def from_message(message: dict[str, Any]) -> Document:
         text=parse(message["text"]),
         **arrays,
     )
+
+
+def image_to_json(drawn: Drawn) -> dict[str, Any]:
+    """A saved map's image as it is sent."""
+    header, columns = drawn
+    sent = {name: [column.dtype.str, column.tolist()] for name, column in columns.items()}
+    return {"header": header, "columns": sent}
+
+
+def image_from_message(message: dict[str, Any]) -> Drawn:
+    """The image that `image_to_json` wrote."""
+    columns = {name: np.array(values, dtype=kind) for name, (kind, values) in message["columns"].items()}
+    return message["header"], columns

@@ -15,9 +15,10 @@ from m2t_text.description.document import Document
 from m2t_text.errors import M2TError, QueryError, SourceError
 from m2t_text.util.names import ENDINGS, SAVED_MAPS, dataset_name
 from m2t_text.web.naming import UPLOAD
-from m2t_text.web.uploads.drives import from_message
+from m2t_text.web.uploads.drives import from_message, image_from_message
 from m2t_text.web.uploads.parsing import Job, check_image
 from m2t_text.web.uploads.processes import Process, Readers, end, listen
+from m2t_text.web.walls import Drawn
 
 AT_ONCE = 2  # files that are received or read
 KEPT = 8  # uploads; the oldest goes when one more comes
@@ -42,6 +43,7 @@ class Upload:
         state: RECEIVING the file; WAITING for the image of a saved map; READING; READY; or FAILED.
         progress: stage, done, total.
         documents: described so far, in their order.
+        image: what a saved map shows by itself.
         added: what became of adding it to an index: None, "adding", "added", or one line that says what failed.
     """
 
@@ -55,6 +57,7 @@ class Upload:
     warnings: list[str] = field(default_factory=list)
     error: str | None = None
     needs: str | None = None
+    image: Drawn | None = None
     added: str | None = None
     changed: threading.Condition = field(default_factory=threading.Condition)
     process: Process | None = None
@@ -212,6 +215,8 @@ class Uploads:
     def _take(self, upload: Upload, message: dict[str, Any]) -> None:
         if "map" in message:
             upload.take(from_message(message["map"]))
+        elif "image" in message:
+            upload.set(image=image_from_message(message["image"]))
         elif "progress" in message:
             upload.set(progress=tuple(message["progress"]))
         elif "warnings" in message:

@@ -25,9 +25,11 @@ from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.saved_maps.header import read_header
 from m2t_text.sources.indexing import IndexRequest, index_sources
 from m2t_text.sources.opening import LogSource, SourceOptions, open_source
+from m2t_text.sources.saved_map import SavedMap
 from m2t_text.util.names import SAVED_MAPS
 from m2t_text.util.types import StageProgress
-from m2t_text.web.uploads.drives import places_of, to_json
+from m2t_text.web.uploads.drives import image_to_json, places_of, to_json
+from m2t_text.web.walls import drawn_image
 
 MEMORY = 3 << 30  # bytes of address space beside what a process has when it begins
 SECONDS = 600  # of the processor
@@ -169,6 +171,8 @@ def _describe(job: Job, send: Send) -> None:
     if isinstance(source, LogSource):
         documents: Iterable[Document] = places_of(source.log, job.parameters, partial(progress, "scans"))
     else:
+        if isinstance(source, SavedMap):
+            send({"image": image_to_json(drawn_image(source.grid))})
         documents = source.describe(job.parameters, 1, progress).documents
     for document in documents:
         send({"map": to_json(document)})

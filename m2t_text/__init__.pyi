@@ -1,9 +1,19 @@
 # What the package offers under its own name; `__init__.py` loads each from here when it is first used.
 
+from .cluster.cluster_index import ClusterIndex
 from .config import PROFILES, Parameters
 from .description.document import Document
 from .description.text import Text, parse
-from .errors import FetchError, LogError, M2TError, MapIndexError, QueryError, SourceError, TextError
+from .errors import (
+    ClusterError,
+    FetchError,
+    LogError,
+    M2TError,
+    MapIndexError,
+    QueryError,
+    SourceError,
+    TextError,
+)
 from .index.map_index import MapIndex, open_index
 from .index.merging import indexes_in, merge
 from .index.results import DatasetSummary, Hit, IndexInfo
@@ -31,6 +41,8 @@ __all__ = [
     "PROFILES",
     "Alignment",
     "Answer",
+    "ClusterError",
+    "ClusterIndex",
     "DatasetSummary",
     "Document",
     "FetchError",

@@ -37,6 +37,10 @@ class DamageError(MapIndexError):
     """A file of an index that is not as it was written, or that nobody should trust."""
 
 
+class ClusterError(MapIndexError):
+    """A cluster that cannot be reached, or that cannot answer for all of its maps."""
+
+
 class QueryError(M2TError):
     """A query or target that names nothing that exists."""
 

@@ -15,7 +15,7 @@ from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
-from m2t_text.index.snapshot import Snapshot
+from m2t_text.index.snapshot import Ranking, Snapshot
 from m2t_text.index.writing.folder import (
     check_new,
     create_whoosh,
@@ -29,6 +29,7 @@ from m2t_text.util.types import StageProgress
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.description.source import Source
+    from m2t_text.index.search.collection import Statistics
     from m2t_text.index.search.weighting import MapWeighting, Method, Scores
 
 LOCK_SECONDS = 60.0  # to wait for another writer
@@ -324,10 +325,36 @@ class MapIndex:
             >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
             (True, (3,))
         """
+        with self.ranking(text, top, exclude, method, filter) as ranking:
+            return self.hits(ranking, top, texts)
+
+    def ranking(
+        self,
+        text: Text,
+        top: int = 10,
+        exclude: tuple[str, float, float] | None = None,
+        method: "Method" = "m2t",
+        filter: Query | str | None = None,
+        whole: "Statistics | None" = None,
+    ) -> Ranking:
+        """A `search` in two steps, so that several indexes can be searched as one; see `hits`.
+
+        Args:
+            text, top, exclude, method, filter: as for `search`.
+            whole: what words are weighted by, if this index is a part of a larger whole.
+        """
         model = self.model(method)
         query = self.parse(filter) if isinstance(filter, str) else filter
         with self._reading() as snapshot:
-            addresses, scores = snapshot.best(text, model, top, self._allowed(snapshot, exclude, query))
+            return snapshot.ranking(text, model, top, self._allowed(snapshot, exclude, query), whole)
+
+    def hits(self, ranking: Ranking, top: int, texts: bool = False, floor: float = 0.0) -> list[Hit]:
+        """What a search ends with, in the order of scores, then of map ids; none with a score below the floor.
+
+        The floor is a score that the best ``top`` maps of all indexes that are searched together reach.
+        """
+        with damage_errors(self.path):
+            addresses, scores = ranking.best(floor)
             documents = [address.document(text=texts) for address in addresses]
         ids = [document.map_id for document in documents]
         ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
@@ -341,6 +368,16 @@ class MapIndex:
             )
             for k in ranked[: top or None]
         ]
+
+    def statistics(self) -> "Statistics":
+        """What words are weighted by."""
+        with self._reading() as snapshot:
+            return snapshot.statistics
+
+    def keypoints(self) -> int:
+        """Of all maps together."""
+        with self._reading() as snapshot:
+            return snapshot.keypoints
 
     def _allowed(
         self, snapshot: Snapshot, exclude: tuple[str, float, float] | None, filter: Query | None

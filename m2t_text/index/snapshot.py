@@ -14,10 +14,11 @@ from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text
 from m2t_text.index.results import Overview
 from m2t_text.index.schema import RECORD, from_record
-from m2t_text.index.search.collection import live_documents
+from m2t_text.index.search.collection import Collection, Statistics, collection, live_documents
 
 if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching needs them
     from m2t_text.index.kernels.scores import Scores
+    from m2t_text.index.search.top_k import Promising, TopK
     from m2t_text.index.search.weighting import MapWeighting
 
 EMPTY = Text.of([], [], [])
@@ -97,6 +98,54 @@ class Address:
         return from_record(self.dataset, segment.records[number], segment.texts[number] if text else EMPTY)
 
 
+class Ranking:
+    """A search of one state in two steps, between which several states can agree on what is good enough.
+
+    To be used in a ``with`` block, or closed.
+    """
+
+    def __init__(
+        self, segments: Sequence[Segment], documents: Sequence[NDArray[np.int64]], top_k: "TopK", top: int
+    ) -> None:
+        """``documents`` of each segment may be found; ``top`` of them are wanted, 0 for all."""
+        self._segments, self._documents, self._top_k, self._top = segments, documents, top_k, top
+
+    def __enter__(self) -> "Ranking":
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self._top_k.__exit__()
+
+    @cached_property
+    def _promising(self) -> "Promising":
+        return self._top_k.promising(self._top)
+
+    def begin(self) -> NDArray[np.float64]:
+        """(K,) the best scores among the maps that promise most, in any order; as many as wanted at most."""
+        return self._promising.best if self._top else np.zeros(0)
+
+    def best(self, floor: float = 0.0) -> "tuple[list[Address], Scores]":
+        """The best maps with a match, and those that tie with the last; none below the ``floor``.
+
+        If all maps are wanted, also those without a match.
+        """
+        if self._top:
+            found, scores = self._top_k.rest(self._promising, floor)
+        else:
+            found, scores = np.arange(sum(map(len, self._documents))), self._top_k.all()
+        begins = np.cumsum([0, *(len(part) for part in self._documents)])
+        owners = np.searchsorted(begins, found, side="right") - 1
+        addresses = [
+            Address(self._segments[k], int(self._documents[k][number - begins[k]]))
+            for k, number in zip(owners.tolist(), found.tolist(), strict=True)
+        ]
+        return addresses, scores
+
+
 class Snapshot:
     """One committed state of an index. Arrays over its live maps are in the order of map ids."""
 
@@ -104,6 +153,7 @@ class Snapshot:
         self.searcher = searcher
         leaves = searcher.leaf_searchers()
         self.segments = [Segment(leaf, offset) for leaf, offset in leaves if leaf.doc_count_all()]
+        self._part: Collection | None = None
 
     @classmethod
     def open(cls, searcher: Any) -> "Snapshot":
@@ -158,38 +208,41 @@ class Snapshot:
 
     def scores(self, text: Text, model: "MapWeighting") -> "Scores":
         """How well the text fits each map."""
-        documents = [np.arange(len(segment.live)) for segment in self.segments]
-        return self._rank(text, model, 0, documents)[1][self._order]
+        every = [np.ones(len(segment.live), dtype=np.bool_) for segment in self.segments]
+        with self.ranking(text, model, 0, every) as ranking:
+            return ranking.best()[1][self._order]
 
-    def best(
-        self, text: Text, model: "MapWeighting", top: int, allowed: Sequence[NDArray[np.bool_]]
-    ) -> "tuple[list[Address], Scores]":
-        """The best maps with a match, and those that tie with the last, of the ``allowed`` (D,) of segments.
-
-        With ``top`` 0 all that are allowed, also those without a match.
-        """
-        documents = [np.flatnonzero(part) for part in allowed]
-        found, scores = self._rank(text, model, top, documents)
-        begins = np.cumsum([0, *(len(part) for part in documents)])
-        owners = np.searchsorted(begins, found, side="right") - 1
-        addresses = [
-            Address(self.segments[k], int(documents[k][number - begins[k]]))
-            for k, number in zip(owners.tolist(), found.tolist(), strict=True)
-        ]
-        return addresses, scores
-
-    def _rank(
-        self, text: Text, model: "MapWeighting", top: int, documents: Sequence[NDArray[np.int64]]
-    ) -> "tuple[NDArray[np.int64], Scores]":
-        from m2t_text.index.search.collection import collection
+    def ranking(
+        self,
+        text: Text,
+        model: "MapWeighting",
+        top: int,
+        allowed: Sequence[NDArray[np.bool_]],
+        whole: Statistics | None = None,
+    ) -> "Ranking":
+        """A search among the ``allowed`` (D,) of segments; words are weighted by what is known of a ``whole``,
+        of which these maps are a part, or of them alone."""
         from m2t_text.index.search.top_k import TopK
 
-        scorer = model.text_scorer(text, collection(self.searcher, "text"))
+        documents = [np.flatnonzero(part) for part in allowed]
+        scorer = model.text_scorer(text, self._collection(whole))
         names = [segment.name for segment in self.segments]
-        with TopK(scorer, dict(zip(names, documents, strict=True))) as top_k:
-            if top:
-                return top_k.best(top)
-            return np.arange(sum(map(len, documents))), top_k.all()
+        return Ranking(self.segments, documents, TopK(scorer, dict(zip(names, documents, strict=True))), top)
+
+    def _collection(self, whole: Statistics | None) -> Collection:
+        """The texts, which keep their weights as long as those of the same whole are asked for."""
+        own = collection(self.searcher, "text")
+        if whole is None:
+            return own
+        if self._part is None or self._part.whole is not whole:
+            self._part = own.within(whole)
+        return self._part
+
+    @cached_property
+    def statistics(self) -> Statistics:
+        """What words are weighted by, of these maps alone."""
+        own = collection(self.searcher, "text")
+        return Statistics(own.maps, own.frequency)
 
     def matching(self, query: Query) -> list[NDArray[np.bool_]]:
         """Of each segment (D,) whether a Whoosh query matches."""

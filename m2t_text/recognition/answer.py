@@ -5,7 +5,7 @@ from time import perf_counter
 from typing import Any
 
 from m2t_text.errors import QueryError
-from m2t_text.index.map_index import MapIndex
+from m2t_text.index.searchable import Searchable
 from m2t_text.recognition.covariance import dataset_covariance
 from m2t_text.recognition.finding import Finding, find
 from m2t_text.recognition.found import Found
@@ -38,7 +38,7 @@ class Answer:
     """What a search found, and how long its steps took in seconds."""
 
     query: Query
-    index: MapIndex
+    index: Searchable
     finding: Finding
     describe_seconds: float
 
@@ -105,7 +105,7 @@ def _result(rank: int, result: Found, driven: bool) -> dict[str, Any]:
 
 def search(
     target: str,
-    index: MapIndex,
+    index: Searchable,
     options: SearchOptions = SearchOptions(),
     reading: SourceOptions | None = None,
     where: str | None = None,
@@ -134,7 +134,7 @@ def search(
 
 def answer(
     query: Query,
-    index: MapIndex,
+    index: Searchable,
     options: SearchOptions,
     described: float = 0.0,
     where: str | None = None,

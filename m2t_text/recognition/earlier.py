@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from m2t_text.description.document import Document
+from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text
-from m2t_text.index.map_index import MapIndex
+from m2t_text.index.searchable import Searchable
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
@@ -50,12 +50,11 @@ def distances(metres: float, run_length: float) -> list[float]:
     return [k * step for k in range(1, count + 1)]
 
 
-def indexed_before(index: MapIndex, query: Document, metres: float) -> tuple[Earlier, ...]:
+def indexed_before(index: Searchable, query: Document, metres: float) -> tuple[Earlier, ...]:
     """The maps of an index that lead to a query, which is a map of one of its drives."""
-    overview = index.overview()
-    rows = np.flatnonzero(overview.codes == overview.names.index(query.dataset))
-    begins, begin = overview.records["travel"][rows, 0], float(query.travel[0])
+    scans, begins = index.runs(query.dataset)
+    begin = float(query.travel[0])
     wanted = [begin - distance for distance in distances(metres, index.parameters.mapping.run_length)]
     places = [int(np.searchsorted(begins, at, side="right")) - 1 for at in wanted]
     chosen = [k for k in dict.fromkeys(places) if k >= 0 and begins[k] < begin]
-    return earlier_maps(index.numbered(overview.numbers[rows[chosen]].tolist()), query)
+    return earlier_maps([index.document(map_id_of(query.dataset, int(scans[k]))) for k in chosen], query)

@@ -7,8 +7,8 @@ from time import perf_counter
 
 from whoosh.query import Query as WhooshQuery
 
-from m2t_text.index.map_index import MapIndex
 from m2t_text.index.results import Hit
+from m2t_text.index.searchable import Searchable
 from m2t_text.recognition.earlier import Earlier
 from m2t_text.recognition.found import Found, differs, strongest
 from m2t_text.recognition.queries import Query
@@ -41,7 +41,7 @@ class Finding:
 
 
 def find(
-    index: MapIndex,
+    index: Searchable,
     query: Query,
     top: int = 10,
     exclude: tuple[str, float, float] | None = None,
@@ -86,7 +86,7 @@ def find(
     return Finding(results[: top or None], assessment, searched, perf_counter() - begin)
 
 
-def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Found]:
+def verify_hits(index: Searchable, query: Query, hits: Sequence[Hit]) -> list[Found]:
     """The hits aligned with the query, that of the best fit first, ties by score and map id.
 
     Examples:
@@ -100,7 +100,7 @@ def verify_hits(index: MapIndex, query: Query, hits: Sequence[Hit]) -> list[Foun
     return _verified(index, query, hits, Trail(()))
 
 
-def _verified(index: MapIndex, query: Query, hits: Sequence[Hit], trail: Trail) -> list[Found]:
+def _verified(index: Searchable, query: Query, hits: Sequence[Hit], trail: Trail) -> list[Found]:
     """The hits aligned with the query, and with the evidence of earlier texts, the best first."""
     texts = [hit.document.text if len(hit.document.text) else index.document(hit.map_id).text for hit in hits]
     alignments = align_variously(query.text, texts, index.parameters.mapping.cell)
@@ -124,7 +124,7 @@ def _pose(query: Query, found: Found) -> Floats | None:
 
 
 def _trail(
-    index: MapIndex, query: Query, exclude: tuple[str, float, float] | None, filter: WhooshQuery | None
+    index: Searchable, query: Query, exclude: tuple[str, float, float] | None, filter: WhooshQuery | None
 ) -> Trail:
     """What the earlier texts of the query say, each looked up without the maps of its own visit."""
 
@@ -136,7 +136,7 @@ def _trail(
 
 
 def judge(
-    index: MapIndex,
+    index: Searchable,
     query: Query,
     verified: Sequence[Found],
     search: Callable[[int], list[Hit]],
@@ -162,7 +162,7 @@ def judge(
     return assess(best.fit, rival, best.support)
 
 
-def _symmetric(index: MapIndex, query: Query, best: Found) -> list[Found]:
+def _symmetric(index: Searchable, query: Query, best: Found) -> list[Found]:
     """The query on the best map at other poses."""
     assert best.alignment is not None
     cell = index.parameters.mapping.cell
@@ -171,7 +171,7 @@ def _symmetric(index: MapIndex, query: Query, best: Found) -> list[Found]:
 
 
 def _elsewhere(
-    index: MapIndex, query: Query, verified: Sequence[Found], search: Callable[[int], list[Hit]]
+    index: Searchable, query: Query, verified: Sequence[Found], search: Callable[[int], list[Hit]]
 ) -> list[Found]:
     """The likeliest maps elsewhere that were not verified: one place may have more maps than those that were.
 

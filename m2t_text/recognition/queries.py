@@ -12,7 +12,7 @@ from m2t_text.config import Parameters
 from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import QueryError, TextError
-from m2t_text.index.map_index import MapIndex
+from m2t_text.index.searchable import Searchable
 from m2t_text.logs import Log
 from m2t_text.recognition.earlier import Earlier, distances, earlier_maps, indexed_before
 from m2t_text.sources.opening import SourceOptions, is_source, open_log, open_source
@@ -89,7 +89,7 @@ class Context:
     """
 
     parameters: Parameters
-    index: MapIndex | None = None
+    index: Searchable | None = None
     options: SourceOptions = field(default_factory=SourceOptions)
     run: float | None = None
     sequence: float | None = None
@@ -114,7 +114,7 @@ def resolve(target: str, context: Context) -> Query:
         return query
     if query.document is None or not query.driven:
         raise QueryError(f"{target!r} is no map of a drive, which a sequence takes: name one by its id or log")
-    if context.index is None or query.document.dataset not in context.index.overview().names:
+    if context.index is None or not len(context.index.runs(query.document.dataset)[0]):
         return query
     return replace(query, earlier=indexed_before(context.index, query.document, context.sequence))
 
@@ -206,7 +206,7 @@ def _map_of_dataset(run: re.Match[str], context: Context) -> Query | None:
     return Query.of(index.document(map_id_of(run["log"], int(scans[place]))))
 
 
-def _indexed(log: Log, index: MapIndex) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _indexed(log: Log, index: Searchable) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The first scans of a log's maps, and the travel at which they begin; both are empty if it is not indexed.
 
     A dataset of its name without a drive, as a saved map, is another."""

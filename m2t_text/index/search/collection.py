@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
 from typing import Any
@@ -37,17 +37,36 @@ class SegmentTexts:
 
 
 @dataclass(frozen=True)
+class Statistics:
+    """What words are weighted by.
+
+    Attributes:
+        maps: N, number of live maps.
+        frequency: (1024,) live maps with each word.
+    """
+
+    maps: int
+    frequency: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
 class Collection:
     """All live maps that a reader sees, whatever the segments that they lie in.
 
     Attributes:
         segments: by segment id.
         maps: N, number of live maps.
+        whole: statistics of all indexes that are searched together, this being one of them.
     """
 
     segments: dict[str, SegmentTexts]
     maps: int
+    whole: Statistics | None = None
     _searches: "count[int]" = field(default_factory=count, compare=False, repr=False)
+
+    def within(self, whole: Statistics) -> "Collection":
+        """The same maps as a part of a whole."""
+        return replace(self, whole=whole)
 
     @cached_property
     def frequency(self) -> NDArray[np.int64]:
@@ -63,7 +82,8 @@ class Collection:
 
         Rounded to a grid on which sums are exact, so that equal scores are equal whatever the order of adding.
         """
-        rarity = np.log((self.maps + 1) / np.clip(self.frequency, 1, self.maps + 1))
+        whole = self.whole or Statistics(self.maps, self.frequency)
+        rarity = np.log((whole.maps + 1) / np.clip(whole.frequency, 1, whole.maps + 1))
         return np.ceil(rarity / GRID) * GRID
 
     @property

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.description.text import Text
+from m2t_text.description.text import WORDS, Text
 from m2t_text.index.kernels import agreement, bounds, intersection, tiles
 from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.bound_tables import WINDOW, CoarseTables, FineTables
@@ -36,8 +36,8 @@ class WordScorer:
         self.text = text
         self.whole = whole
         self.weighted = weighted
-        self.counts = np.bincount(text.wa, minlength=len(whole.frequency)).astype(np.int64)
-        self.weights = whole.weights if weighted else np.ones(len(whole.frequency))
+        self.counts = np.bincount(text.wa, minlength=WORDS).astype(np.int64)
+        self.weights = whole.weights if weighted else np.ones(WORDS)
         self._own = float(self.weights[text.wa].sum())
 
     def norms(self, name: str, documents: Documents) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -50,6 +51,32 @@ class Scorer(Protocol):
         """The scores of documents (K,); below the threshold they may be 0."""
 
 
+@dataclass(frozen=True)
+class Promising:
+    """What a search knows once it has scored the most promising documents.
+
+    Attributes:
+        every: (M,) the places of documents that may be among the best.
+        estimate: (M,) guesses of their scores.
+        likely: which of them were scored, as places in ``every``.
+        scores: of those.
+        top: how many documents are looked for.
+        floor: a score that the best ``top`` reach.
+    """
+
+    every: NDArray[np.int64]
+    estimate: Floats
+    likely: NDArray[np.int64]
+    scores: Scores
+    top: int
+    floor: float
+
+    @property
+    def best(self) -> Floats:
+        """(K,) the best scores so far, ``top`` at most, in any order."""
+        return self.scores.score[_largest(self.scores.score, self.top)]
+
+
 class TopK:
     """The documents that a search chooses from, worked on by threads. To be used in a ``with`` block.
 
@@ -81,13 +108,26 @@ class TopK:
         Places count in the order in which the documents were given. Those without a match are left out. Exact:
         whatever else there is has a bound below ``top`` scores.
         """
+        return self.rest(self.promising(top))
+
+    def promising(self, top: int) -> Promising:
+        """The first half of `best`: scores the documents that promise most."""
         every, floor = self._sieved(top)
         estimate = _joined(self._each(self._scorer.estimate, every))
         likely = _largest(estimate, 2 * top)
-        done = every[likely]
-        scores = self._scores(done, 0.0)
+        return Promising(every, estimate, likely, self._scores(every[likely], 0.0), top, floor)
+
+    def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
+        """The second half of `best`: looks at the other documents.
+
+        Args:
+            promising: what the first half found.
+            floor: a score that the ``top`` best of more documents than these reach; lower ones are left out.
+        """
+        every, estimate, likely, top = promising.every, promising.estimate, promising.likely, promising.top
+        done, scores, floor = every[likely], promising.scores, max(floor, promising.floor)
         last = max(floor, _last(scores, top))
-        bounds = estimate
+        bounds = estimate.copy()
         if not self._scorer.estimates_are_bounds:
             bounds = _joined(self._each(self._scorer.bound, every, last))
         bounds[likely] = 0.0
@@ -100,9 +140,9 @@ class TopK:
             batch, rest, bounds = rest[:size], rest[size:], bounds[size:]
             size *= GROWTH
             tight = _joined(self._each(self._scorer.fine_bound, np.sort(batch), last))
-            promising = np.sort(batch)[tight >= last]
-            scores = Scores.joined([scores, self._scores(promising, last)])
-            done = np.append(done, promising)
+            close = np.sort(batch)[tight >= last]
+            scores = Scores.joined([scores, self._scores(close, last)])
+            done = np.append(done, close)
             last = max(floor, _last(scores, top))
             rest, bounds = rest[bounds >= last], bounds[bounds >= last]
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))

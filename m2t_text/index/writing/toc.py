@@ -81,7 +81,7 @@ def read(storage: MapStorage, name: str) -> TOC:
     if len(data) > LIMIT:
         raise DamageError(f"{name} is too long")
     try:
-        entries = json.loads(_unsealed(data, storage.path))
+        entries = json.loads(unsealed(data, storage.path))
         if entries["format"] != FORMAT_VERSION:
             raise _other_format(storage.path, int(entries["format"]))
         return _contents(entries)
@@ -113,8 +113,8 @@ def sealed(whooshs: bytes, own: bytes) -> bytes:
     return data + blake2b(data, digest_size=DIGEST).digest()
 
 
-def _unsealed(data: bytes, folder: Path) -> bytes:
-    """The JSON in a table of contents."""
+def unsealed(data: bytes, folder: Path | str) -> bytes:
+    """The JSON in a table of contents. Raises DamageError if it is not as it was written."""
     body, digest = data[:-DIGEST], data[-DIGEST:]
     if body.endswith(FORMER_SEAL):
         raise _other_format(folder, 3)
@@ -126,7 +126,7 @@ def _unsealed(data: bytes, folder: Path) -> bytes:
     return body[max(0, end - int.from_bytes(body[-LENGTH:])) : end]
 
 
-def _other_format(folder: Path, found: int) -> MapIndexError:
+def _other_format(folder: Path | str, found: int) -> MapIndexError:
     return MapIndexError(
         f"the index in {folder} has format {found}, this program reads {FORMAT_VERSION}; "
         "index the logs again into another folder"

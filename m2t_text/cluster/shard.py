@@ -1,0 +1,110 @@
+"""What answers for shards: their indexes opened, and searches between their two steps."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from whoosh.query import Query
+
+from m2t_text.cluster.manifest import Manifest
+from m2t_text.cluster.store import Store
+from m2t_text.description.document import Document
+from m2t_text.description.text import Text
+from m2t_text.errors import ClusterError
+from m2t_text.index.map_index import MapIndex
+from m2t_text.index.results import Hit
+from m2t_text.index.snapshot import Ranking
+
+if TYPE_CHECKING:
+    from m2t_text.index.search.weighting import Method
+
+BEGUN = 64  # searches that were begun and not finished; those who asked are gone
+GENERATIONS = 4  # that are held open
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search of a whole cluster.
+
+    Attributes:
+        key: no other search has it.
+        text, top, exclude, method, filter, texts: as for `MapIndex.search`.
+    """
+
+    key: str
+    text: Text
+    top: int
+    exclude: tuple[str, float, float] | None
+    method: "Method"
+    filter: Query | None
+    texts: bool
+
+
+class ShardServer:
+    """Answers for the shards of a store, each as it was in the generation that is asked for."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._manifests: dict[int, Manifest] = {}
+        self._indexes: dict[str, MapIndex] = {}
+        self._begun: OrderedDict[tuple[str, int], Ranking] = OrderedDict()
+
+    def begin(self, generation: int, number: int, search: Search) -> NDArray[np.float64]:
+        """The first step: (K,) the best scores that are known after it, ``top`` at most."""
+        ranking = self._ranking(generation, number, search)
+        self._begun[search.key, number] = ranking
+        while len(self._begun) > BEGUN:
+            self._begun.popitem(last=False)[1].close()
+        return ranking.begin()
+
+    def finish(self, generation: int, number: int, search: Search, floor: float) -> list[Hit]:
+        """The second step: the best hits, none below the floor. It takes the first one, too, if another server
+        took that."""
+        ranking = self._begun.pop((search.key, number), None) or self._ranking(generation, number, search)
+        with ranking:
+            return self.opened(generation, number).hits(ranking, search.top, search.texts, floor)
+
+    def find_document(self, generation: int, number: int, map_id: str) -> Document | None:
+        """The map of this id with its text; None if there is none."""
+        return self.opened(generation, number).find_document(map_id)
+
+    def runs(self, generation: int, number: int, dataset: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The first scans of a dataset's maps, and the travel at which they begin."""
+        return self.opened(generation, number).runs(dataset)
+
+    def ready(self, generation: int, number: int) -> int:
+        """Opens a shard, and returns how many maps it has."""
+        return len(self.opened(generation, number))
+
+    def opened(self, generation: int, number: int) -> MapIndex:
+        """The index of a shard in a generation."""
+        manifest = self._manifest(generation)
+        if number >= len(manifest.shards):
+            raise ClusterError(f"generation {generation} of {self._store.path} has no shard {number}")
+        shard = manifest.shards[number]
+        if shard.folder not in self._indexes:
+            self._indexes[shard.folder] = self._store.opened(shard)
+        return self._indexes[shard.folder]
+
+    def _manifest(self, generation: int) -> Manifest:
+        if generation not in self._manifests:
+            self._manifests[generation] = self._store.manifest(generation)
+            for old in sorted(self._manifests)[:-GENERATIONS]:
+                if old != generation:
+                    del self._manifests[old]
+            held = {shard.folder for manifest in self._manifests.values() for shard in manifest.shards}
+            self._indexes = {name: index for name, index in self._indexes.items() if name in held}
+        return self._manifests[generation]
+
+    def _ranking(self, generation: int, number: int, search: Search) -> Ranking:
+        index = self.opened(generation, number)
+        weighted = getattr(index.model(search.method), "weighted", False)
+        whole = self._manifest(generation).statistics if weighted else None
+        return index.ranking(search.text, search.top, search.exclude, search.method, search.filter, whole)
+
+
+def call(server: ShardServer, method: str, generation: int, number: int, arguments: tuple[Any, ...]) -> Any:
+    """What a method of a server returns."""
+    return getattr(server, method)(generation, number, *arguments)

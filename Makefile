@@ -12,7 +12,7 @@ demo: $(VENV)/.installed  ## see it work: simulate, index, search, draw
 	$(BIN)/m2t-text demo
 
 test: $(VENV)/.installed-test  ## the tests, two minutes on two cores
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 stress: $(VENV)/.installed-test  ## crashes, full disks, damage, strangers: four minutes
 	$(BIN)/python tests/stress.py

@@ -17,6 +17,7 @@ from calling import PROGRAM, Call
 
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import read_log
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.util.geometry import travel
 
 COMMANDS = (
@@ -141,6 +142,21 @@ def test_shell_completion_knows_the_commands() -> None:
     assert done.stdout.split() == ["index", "inspect", "info"]
 
 
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of a dozen metres, ``drive.log``."""
+    path = tmp_path_factory.mktemp("short") / "drive.log"
+    write_carmen(simulate(Simulation(seed=3, length=24.0, travel=12.0)), path)
+    return path
+
+
+@pytest.fixture
+def own_index(simulated_index: Path, own_folder: Path) -> Path:
+    """The index of the simulated drive, to be changed: ``i`` in the folder of the test."""
+    shutil.copytree(simulated_index, own_folder / "i")
+    return Path("i")
+
+
 # --- simulate and index
 
 
@@ -160,22 +176,22 @@ def test_the_same_seed_makes_the_same_log(call: Call) -> None:
     assert a == b != c
 
 
-def test_indexing_a_dataset_again_replaces_it_alone(call: Call, simulated: Path) -> None:
-    assert call("index", simulated, "--index", "i", "--name", "first")[0] == 0
-    assert call("index", simulated, "--index", "i", "--name", "second")[0] == 0
+def test_indexing_a_dataset_again_replaces_it_alone(call: Call, short: Path) -> None:
+    assert call("index", short, "--index", "i", "--name", "first")[0] == 0
+    assert call("index", short, "--index", "i", "--name", "second")[0] == 0
     before = [str(document.text) for document in MapIndex.open("i").documents()]
-    assert call("index", simulated, "--index", "i", "--name", "second", "--jobs", 2)[0] == 0
+    assert call("index", short, "--index", "i", "--name", "second", "--jobs", 2)[0] == 0
     index = MapIndex.open("i")
     assert [str(document.text) for document in index.documents()] == before
     assert [summary.name for summary in index.datasets()] == ["first", "second"]
 
 
-def test_several_sources_and_a_damaged_one_among_them(call: Call, simulated: Path) -> None:
+def test_several_sources_and_a_damaged_one_among_them(call: Call, short: Path) -> None:
     other, broken = Path("other.log"), Path("broken.log")
-    other.write_bytes(simulated.read_bytes())
+    other.write_bytes(short.read_bytes())
     broken.write_text("this is not a log\n")
-    assert call("index", simulated, "--index", "i", "--name", "broken")[0] == 0
-    status, out, err = call("index", simulated, broken, other, "--index", "i")
+    assert call("index", short, "--index", "i", "--name", "broken")[0] == 0
+    status, out, err = call("index", short, broken, other, "--index", "i")
     assert status == 2 and "drive" in out and "other" in out
     assert err.count("\n") == 1 and "broken.log" in err
     maps = {summary.name: summary.maps for summary in MapIndex.open("i").datasets()}
@@ -189,13 +205,14 @@ def test_a_damaged_source_alone_makes_no_index(call: Call) -> None:
     assert not Path("indexes").exists()
 
 
-def test_a_drive_too_short_for_a_map_does_not_empty_its_dataset(call: Call, simulated: Path) -> None:
-    assert call("index", simulated, "--index", "i")[0] == 0
+def test_a_drive_too_short_for_a_map_does_not_empty_its_dataset(
+    call: Call, simulated: Path, own_index: Path
+) -> None:
     lines = simulated.read_text().splitlines(keepends=True)
     Path("drive.log").write_text("".join(lines[:15]))
-    status, _, err = call("index", "drive.log", "--index", "i")
+    status, _, err = call("index", "drive.log", "--index", own_index)
     assert status == 2 and "drive: the robot travels less than the 5 m of one map" in err
-    assert len(MapIndex.open("i")) > 0
+    assert len(MapIndex.open(own_index)) > 0
 
 
 def test_skipped_damage_is_a_warning(call: Call, simulated: Path) -> None:
@@ -204,10 +221,10 @@ def test_skipped_damage_is_a_warning(call: Call, simulated: Path) -> None:
     assert status == 0 and "cut" in out and err.startswith("warning: cut: ") and err.count("\n") == 1
 
 
-def test_a_profile_stays_that_of_the_index(call: Call, simulated: Path) -> None:
-    assert call("index", simulated, "--index", "i", "--profile", "paper", "--name", "a")[0] == 0
-    assert call("index", simulated, "--index", "i", "--name", "b")[0] == 0
-    status, out, err = call("index", simulated, "--index", "i", "--profile", "default")
+def test_a_profile_stays_that_of_the_index(call: Call, short: Path) -> None:
+    assert call("index", short, "--index", "i", "--profile", "paper", "--name", "a")[0] == 0
+    assert call("index", short, "--index", "i", "--name", "b")[0] == 0
+    status, out, err = call("index", short, "--index", "i", "--profile", "default")
     assert (status, out) == (2, "") and "paper" in err and "default" in err
     assert json.loads(call("info", "--index", "i", "--json")[1])["profile"] == "paper"
 
@@ -469,16 +486,15 @@ def test_a_reader_that_has_seen_enough(simulated_index: Path) -> None:
     assert (done.returncode, done.stderr) == (1, b"")
 
 
-def test_interrupted_indexing_leaves_the_index_as_it_was(call: Call, simulated: Path) -> None:
-    assert call("index", simulated, "--index", "i")[0] == 0
-    before = MapIndex.open("i").ids
-    line = [*PROGRAM, "index", str(simulated), "--index", "i", "--name", "other"]
+def test_interrupted_indexing_leaves_the_index_as_it_was(simulated: Path, own_index: Path) -> None:
+    before = MapIndex.open(own_index).ids
+    line = [*PROGRAM, "index", str(simulated), "--index", str(own_index), "--name", "other"]
     process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True)
     time.sleep(0.3)
     os.killpg(process.pid, signal.SIGINT)
     assert process.communicate()[1] == "m2t-text: interrupted; nothing was left half done\n"
     assert process.returncode == 130
-    assert MapIndex.open("i").ids == before
+    assert MapIndex.open(own_index).ids == before
 
 
 SLOW = """
@@ -506,10 +522,9 @@ main()
     ],
 )
 def test_no_process_of_the_pool_survives_or_complains(
-    call: Call, simulated: Path, ending: signal.Signals, everyone: bool, status: int, message: str
+    own_index: Path, simulated: Path, ending: signal.Signals, everyone: bool, status: int, message: str
 ) -> None:
-    assert call("index", simulated, "--index", "i")[0] == 0
-    before = MapIndex.open("i").ids
+    before = MapIndex.open(own_index).ids
     line = [sys.executable, "-c", SLOW, "index", str(simulated), "--index", "i", "--name", "b", "--jobs", "2"]
     process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True)
     while not Path("working").exists():
@@ -517,7 +532,7 @@ def test_no_process_of_the_pool_survives_or_complains(
     (os.killpg if everyone else os.kill)(process.pid, ending)
     assert process.communicate(timeout=20)[1] == message  # read to its end: nobody is left to write there
     assert process.returncode == status
-    assert MapIndex.open("i").ids == before
+    assert MapIndex.open(own_index).ids == before
 
 
 # --- The demonstration

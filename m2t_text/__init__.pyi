@@ -24,6 +24,8 @@ from .live.survey import LiveSurvey
 from .logs import read_log
 from .logs.log import Log, LogOptions, Scan
 from .logs.simulation.simulator import Simulation, simulate, write_carmen
+from .loops.growing import GrowingDataset
+from .loops.online import OnlineLoops
 from .pipeline import describe, describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
 from .recognition.finding import Finding, find, verify_hits
@@ -48,6 +50,7 @@ __all__ = [
     "FetchError",
     "Finding",
     "Found",
+    "GrowingDataset",
     "Hit",
     "IndexInfo",
     "LiveSurvey",
@@ -61,6 +64,7 @@ __all__ = [
     "MapIndexError",
     "MapOfLogs",
     "OdometryBuffer",
+    "OnlineLoops",
     "Parameters",
     "Place",
     "Query",

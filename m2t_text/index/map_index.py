@@ -149,7 +149,7 @@ class MapIndex:
         with self.writer() as writer:
             writer.replace(name, documents, drive)
 
-    def append(self, name: str, documents: Iterable[Document]) -> None:
+    def append(self, name: str, documents: Iterable[Document], instead_of: Iterable[Document] = ()) -> None:
         """These documents besides those that the dataset has, in one commit, as of an unfinished drive.
 
         Others may search meanwhile. A commit costs as much for one map as for a hundred: collect some.
@@ -157,6 +157,7 @@ class MapIndex:
         Args:
             name: of the dataset; it is made with its first maps.
             documents: in the order of their first scans, all after those of the dataset.
+            instead_of: maps of any datasets that are removed in the same commit.
 
         Raises:
             MapIndexError: if a document cannot be kept, or does not come after those before it; nothing is
@@ -175,6 +176,8 @@ class MapIndex:
             latest = MapIndex(self.path, self.whoosh, self.parameters)  # be this one pinned; nobody writes now
             with latest._reading() as snapshot:
                 last = snapshot.last_scan(name)
+            for map_ in instead_of:
+                writer.remove_map(map_)
             writer.append(name, documents, last)
 
     def remove(self, *names: str) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
+from whoosh.query import Not, Term
 
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
@@ -72,6 +73,7 @@ class Localizer:
 
     def __init__(self, index: MapIndex) -> None:
         self._index = index
+        self.without: str | None = None  # a dataset that no answer lies in: that of the drive itself
         self.reset()
 
     def reset(self) -> None:
@@ -96,7 +98,8 @@ class Localizer:
             document = seen
         here = document.pose if robot is None else np.asarray(robot, dtype=float)
         index = self._index.pinned()
-        finding = find(index, Query.of(document), VERIFIED) if len(document.text) else None
+        others = None if self.without is None else Not(Term("dataset", self.without))
+        finding = find(index, Query.of(document), VERIFIED, filter=others) if len(document.text) else None
         if finding is None or not finding.results or finding.results[0].alignment is None:
             nothing = finding.assessment if finding else NOTHING
             return self._place(None, None, None, nothing, False, begin)

@@ -1,7 +1,7 @@
 """A robot's messages in, answers out, whatever carries them: the whole of `m2t-text live` but for the pipe."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from m2t_text.config import Parameters
 from m2t_text.errors import M2TError
 from m2t_text.live.localizer import Localizer
+from m2t_text.live.looping import Left
 from m2t_text.live.messages import Locate, Message, Odometry, Reset, Robot, Swept
 from m2t_text.live.odometry import GAP, SLACK, OdometryBuffer
 from m2t_text.live.survey import LiveSurvey
@@ -35,6 +36,7 @@ class Session:
         every: float | None = None,
         poses: bool = True,
         laser_pose: ArrayLike | None = None,
+        left: Callable[[Left], Iterable[Answer]] | None = None,
     ) -> None:
         """
         Args:
@@ -43,12 +45,14 @@ class Session:
             every: metres of travel from one answer of where the robot is to the next; None: only when asked.
             poses: whether each scan is answered.
             laser_pose: (3,) counts more than what a robot says.
+            left: called with what each scan leaves behind; what it returns is answered.
         """
         self._parameters = parameters
         self.localizer = localizer
         self._every = every
         self._poses = poses
         self._laser_pose = laser_pose
+        self._left = left
         self._robot = Robot("live", np.zeros(3), True, frozenset())
         self._begin()
 
@@ -115,6 +119,8 @@ class Session:
         if last is not None and scan.timestamp < last:
             self._drives += 1
             self._waiting.clear()
+            if self._odometry.newest is not None and self._odometry.newest > scan.timestamp + SLACK:
+                self._odometry.cut()  # it is of the clock before; that of the scan is still to come
         self._last = scan.timestamp
         if not self._robot.has_odometry:
             yield from self._add(replace(scan, drive=self._drives))
@@ -140,7 +146,8 @@ class Session:
 
     def _add(self, scan: Scan) -> Iterator[Answer]:
         pose = self.survey.add(scan)
-        if self._drive not in (None, scan.drive) and self.localizer is not None:
+        begins = self._drive not in (None, scan.drive)
+        if begins and self.localizer is not None:
             self.localizer.reset()
         self._drive = scan.drive
         if self._poses:
@@ -151,6 +158,9 @@ class Session:
                 "pose": pose.tolist(),
                 "travel": self.survey.travel,
             }
+        if self._left is not None:
+            survey, runs = self.survey, tuple(self.survey.new_runs())
+            yield from self._left(Left(self._robot.name, survey.scans - 1, pose, survey.travel, begins, runs))
         if self._every is not None and self.survey.travel >= self._asked + self._every:
             yield from self.locate()
 

@@ -65,11 +65,14 @@ def to_json(detection: LoopDetection, graph: PoseGraph) -> dict[str, Any]:
 
 
 def _loop(loop: Loop, edge: Edge) -> dict[str, Any]:
+    return {"from": edge.start, "to": edge.end, **loop_fields(loop)}
+
+
+def loop_fields(loop: Loop) -> dict[str, Any]:
+    """What is told of a loop, but for the vertices that it joins."""
     return {
-        "from": edge.start,
-        "to": edge.end,
-        "pose": edge.pose.pose.tolist(),
-        "information": edge.information.tolist(),
+        "pose": loop.pose.pose.tolist(),
+        "information": loop.pose.information.tolist(),
         "query": loop.candidate.query.map_id,
         "map_id": loop.candidate.found.map_id,
         "inlier_ratio": loop.candidate.inlier_ratio,

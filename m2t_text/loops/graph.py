@@ -21,7 +21,7 @@ class Edge:
     @property
     def information(self) -> Floats:
         """(3, 3) inverse covariance of x, y, theta, in the frame of ``end``."""
-        return np.linalg.inv(self.pose.covariance).astype(float)
+        return self.pose.information
 
 
 @dataclass(frozen=True)

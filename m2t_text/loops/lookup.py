@@ -40,26 +40,31 @@ class Candidate:
     pose: PoseWithCovariance
 
 
+def is_query(document: Document, last: Document | None) -> bool:
+    """Whether a map of a drive is looked up, the ``last`` one that was being this."""
+    return last is None or bool(document.travel[0] >= last.travel[0] + EVERY)
+
+
 def look_up(
     path: Path, queries: Sequence[Document], jobs: int = 1, progress: Callable[[int, int], None] | None = None
-) -> Iterator[Candidate]:
-    """The matches of the queries in the index in a folder, in the order of the queries.
+) -> Iterator[Candidate | None]:
+    """The match of each query in the index in a folder, or None, in the order of the queries.
 
     Of the query's own dataset, maps count that lie more than APART metres of travel behind it, and none ahead.
     """
     for done, candidate in enumerate(mapped(partial(_searcher, path), queries, jobs), start=1):
         if progress:
             progress(done, len(queries))
-        if candidate is not None:
-            yield candidate
+        yield candidate
 
 
 def _searcher(path: Path) -> Callable[[Document], Candidate | None]:
-    return partial(_find, MapIndex.open(path))
+    return partial(look_up_one, MapIndex.open(path))
 
 
-def _find(index: MapIndex, query: Document) -> Candidate | None:
-    finding = find(index, Sought(query.text, query), top=1, filter=_known(query))
+def look_up_one(index: MapIndex, query: Document) -> Candidate | None:
+    """The match of a query in an index; None if there is none. See `look_up`."""
+    finding = find(index, Sought(query.text, query), top=1, filter=known_before(query))
     if finding.verdict != "match":
         return None
     best = finding.results[0]
@@ -71,7 +76,7 @@ def _find(index: MapIndex, query: Document) -> Candidate | None:
     return Candidate(query, found, alignment.inlier_ratio, pose)
 
 
-def _known(query: Document) -> Query:
+def known_before(query: Document) -> Query:
     """The maps of other datasets, and those of the query's own that the robot had left before."""
     past = NumberRange("travel", None, query.middle - APART)
     return Or([Not(Term("dataset", query.dataset)), past])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.util.geometry import between, compose, inverse
+from m2t_text.util.rows import Rows
 from m2t_text.util.types import Floats
 
 # Variances of a trajectory from wheel odometry and scan matching: the most likely ones on the five logs of the
@@ -49,6 +50,11 @@ class PoseWithCovariance:
         return np.einsum("...i,...i", error, np.linalg.solve(joint, error[..., None])[..., 0])
 
     @property
+    def information(self) -> Floats:
+        """(..., 3, 3) inverse covariances."""
+        return np.linalg.inv(self.covariance).astype(float)
+
+    @property
     def reach(self) -> Floats:
         """(...) metres: the standard deviation of the place in its loosest direction."""
         return np.sqrt(np.linalg.eigvalsh(self.covariance[..., :2, :2])[..., -1])
@@ -83,17 +89,48 @@ class Drift:
     """
 
     def __init__(self, trajectory: Floats, cuts: Sequence[int] | NDArray[np.int64] = ()) -> None:
+        self._poses, self._steps, self._way = Rows(3), Rows(2), Rows()
+        self._moves, self._headings = Rows(), Rows()  # variances, summed up
+        self._swings, self._firsts, self._seconds = Rows(2), Rows(2), Rows(2, 2)
+        self.extend(trajectory, cuts)
+
+    @property
+    def trajectory(self) -> Floats:
+        return self._poses.array
+
+    @property
+    def steps(self) -> Floats:
+        return self._steps.array
+
+    @property
+    def way(self) -> Floats:
+        return self._way.array
+
+    def extend(self, poses: Floats, cuts: Sequence[int] | NDArray[np.int64] = ()) -> None:
+        """The next poses (N, 3); those of the numbers ``cuts`` among all begin a drive."""
+        first = len(self.trajectory)
+        if not len(poses):
+            return
+        if not first:
+            for sums in (self._way, self._moves, self._headings, self._swings, self._firsts, self._seconds):
+                sums.extend(np.zeros_like(sums.array, shape=(1, *sums.array.shape[1:])))
+        self._poses.extend(poses)
+        if first + len(poses) < 2:
+            return
+        trajectory = self.trajectory[max(first - 1, 0) :]
         moves = between(trajectory[:-1], trajectory[1:])
         way, turn = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
-        self.trajectory = trajectory
-        self.steps = np.column_stack([STILL[0] + MOVE * way, STILL[1] + HEADING * way + TURN * turn])
-        self.steps[np.asarray(cuts, dtype=np.int64) - 1] = LOST
+        steps = np.column_stack([STILL[0] + MOVE * way, STILL[1] + HEADING * way + TURN * turn])
+        steps[np.asarray(cuts, dtype=np.int64) - max(first, 1)] = LOST
+        self._steps.extend(steps)
         ends = trajectory[1:, :2]
-        move, heading = self.steps.T
-        self._move, self._heading = _sums(move), _sums(heading)
-        self.way, self._swing = _sums(way), _sums(way[:, None] * ends)
-        self._first = _sums(heading[:, None] * ends)
-        self._second = _sums(heading[:, None, None] * ends[:, :, None] * ends[:, None, :])
+        move, heading = steps.T
+        _sum_up(self._moves, move)
+        _sum_up(self._headings, heading)
+        _sum_up(self._way, way)
+        _sum_up(self._swings, way[:, None] * ends)
+        _sum_up(self._firsts, heading[:, None] * ends)
+        _sum_up(self._seconds, heading[:, None, None] * ends[:, :, None] * ends[:, None, :])
 
     def relative(self, origin: NDArray[np.int64] | int, place: NDArray[np.int64] | int) -> PoseWithCovariance:
         """The poses ``place`` as seen from the poses ``origin``, both (...) indices into the trajectory."""
@@ -112,9 +149,12 @@ class Drift:
     def _covariance(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> Floats:
         """Of each pose ``last`` as seen from an earlier pose ``first``."""
         end = self.trajectory[last]
-        heading = self._heading[last] - self._heading[first]
-        lever = self._first[last] - self._first[first]
-        spread = self._second[last] - self._second[first]
+        moves, headings, levers, spreads = (
+            sums.array for sums in (self._moves, self._headings, self._firsts, self._seconds)
+        )
+        heading = headings[last] - headings[first]
+        lever = levers[last] - levers[first]
+        spread = spreads[last] - spreads[first]
         # Sums of heading * r and heading * r rᵀ, r leading from the end of a step to the last pose.
         to_end = heading[..., None] * end[..., :2] - lever
         cross = end[..., :, None][..., :2, :] * lever[..., None, :]
@@ -122,7 +162,7 @@ class Drift:
         square = square - cross - np.swapaxes(cross, -1, -2) + spread
         quarter = np.array([[0.0, -1.0], [1.0, 0.0]])  # an error of heading moves the pose across r
         covariance = np.zeros((*np.shape(first), 3, 3))
-        move = (self._move[last] - self._move[first])[..., None, None]
+        move = (moves[last] - moves[first])[..., None, None]
         covariance[..., :2, :2] = quarter @ square @ quarter.T + move * np.eye(2)
         covariance[..., :2, 2] = covariance[..., 2, :2] = to_end @ quarter.T
         covariance[..., 2, 2] = heading
@@ -134,12 +174,14 @@ class Drift:
 
     def _biased(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> Floats:
         """The covariance (..., 3, 3) of a bias of 1 rad per m, as `_covariance` has it."""
+        swings = self._swings.array
         way = self.way[last] - self.way[first]
-        to_end = way[..., None] * self.trajectory[last][..., :2] - (self._swing[last] - self._swing[first])
+        to_end = way[..., None] * self.trajectory[last][..., :2] - (swings[last] - swings[first])
         slope = np.stack([-to_end[..., 1], to_end[..., 0], way], axis=-1)
         return slope[..., :, None] * slope[..., None, :]
 
 
-def _sums(values: Floats) -> Floats:
-    """(S, ...) sums of the steps' values (S - 1, ...) up to each pose."""
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+def _sum_up(sums: Rows, values: Floats) -> None:
+    """Adds the sums of the next steps' values (N, ...) up to each pose, one by one: the same to the bit
+    however many come at once."""
+    sums.extend(np.cumsum(np.concatenate([sums.array[-1:], values]), axis=0)[1:])

@@ -68,6 +68,23 @@ def test_what_is_appended_is_what_is_put_in_at_once(index, tmp_path):
         assert hits == [(hit.map_id, hit.score, hit.matched) for hit in whole.search(query, top=0)]
 
 
+def test_what_comes_instead_of_others_replaces_them_at_once(index):
+    documents, other = random_documents(1, "a", 12), random_documents(2, "b", 4)
+    documents = sorted(documents, key=lambda one: one.first_scan)
+    index.replace("b", other)
+    index.append("a", documents[:6])
+    pinned = index.pinned()
+    index.append("a", documents[6:], [documents[2], other[1], other[3]])
+    left = [one for one in (*documents, *other) if one not in (documents[2], other[1], other[3])]
+    assert contents(index) == {one.map_id: str(one.text) for one in left}
+    assert len(pinned) == 10  # a search that has begun goes on
+    with pytest.raises(MapIndexError):
+        index.append("a", documents[:1], [other[0]])
+    assert len(index) == len(left)
+    index.append("a", [], [one for one in left if one.dataset == "b"])
+    assert [one.name for one in index.datasets()] == ["a"]
+
+
 def test_what_cannot_be_appended_changes_nothing(index):
     documents = sorted(random_documents(1, "a", 6), key=lambda one: one.first_scan)
     index.append("a", documents[:4])

@@ -108,6 +108,15 @@ def test_late_and_repeated_scans_and_a_clock_that_begins_again(short: Log) -> No
     assert answer["type"] == "pose" and answer["scan"] == 2
 
 
+def test_a_scan_may_come_before_the_odometry_of_a_clock_that_begins_again(short: Log) -> None:
+    session = Session(DEFAULT)
+    said(session, *(odometry(0.1 * k, 0.02 * k) for k in range(60)))
+    assert len(said(session, scan(5.0, short, 0))) == 1
+    assert said(session, scan(0.15, short, 1), odometry(0.1, 0.0)) == []
+    assert [one["type"] for one in said(session, odometry(0.2, 0.1))] == ["pose"]
+    assert session.drive > 0
+
+
 def test_a_reset_begins_a_drive(short: Log) -> None:
     session = Session(DEFAULT)
     lines = list(replayed(short, 0.0))

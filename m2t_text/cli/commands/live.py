@@ -44,6 +44,23 @@ def live(
     ] = None,
     laser_pose: LaserPoseOption = None,
     poses: Annotated[bool, typer.Option("--poses/--no-poses", help="Whether each scan is answered.")] = True,
+    loops: Annotated[
+        bool, typer.Option("--loops", help="Say when it comes back to where it was before on this drive.")
+    ] = False,
+    append: Annotated[
+        bool,
+        typer.Option("--append", help="Add the drive to the index; its loops lead to other drives, too."),
+    ] = False,
+    keep_per_place: Annotated[
+        int | None,
+        typer.Option(
+            "--keep-per-place",
+            min=1,
+            metavar="N",
+            help="With --append: so many maps of a place, those that differ most.",
+            show_default="all",
+        ),
+    ] = None,
 ) -> None:
     """Answer a robot while it drives: one JSON object a line in, and one a line out.
 
@@ -63,6 +80,8 @@ def live(
     {"type": "pose", "scan": 0, "time": 1.2, "pose": [0, 0, 0], "travel": 0.0}
     {"type": "place", "verdict": "match", "dataset": "office", "pose": [4.2, 1.0, 1.57],
      "covariance": [...], "probability": 0.999, "reason": {...}, "state": "tracked", ...}
+    {"type": "loop", "from": 120, "to": 840, "pose": [0.1, -0.2, 0.03], "information": [...],
+     "query": "live/000815", "map_id": "live/000099", ...}         two scans of one place; --loops
     {"type": "error", "line": 7, "text": "..."}                    the line was left out
 
     [bold]Examples[/bold]
@@ -70,31 +89,42 @@ def live(
     \b
     m2t-text replay robot.log --speed 0 | m2t-text live -    a log, as fast as it goes
     m2t-text replay robot.log | m2t-text live - --index indexes/office --every 2 --no-poses
+    m2t-text replay robot.log | m2t-text live - --loops --no-poses
+    m2t-text replay robot.log | m2t-text live - --index indexes/days --append --keep-per-place 3
     """
     from m2t_text.config import parameters_of
     from m2t_text.errors import M2TError
-    from m2t_text.index.map_index import MapIndex
+    from m2t_text.index.map_index import MapIndex, open_index
     from m2t_text.live.localizer import Localizer
+    from m2t_text.live.looping import LiveLoops
     from m2t_text.live.messages import parse
     from m2t_text.live.session import Session
 
     mounted = None if laser_pose is None else (*laser_pose[:2], radians(laser_pose[2]))
     if index is not None and profile is not None:
         raise typer.BadParameter("the profile is the index's; name no other")
-    opened = None if index is None else MapIndex.open(index)
+    if append and index is None:
+        raise typer.BadParameter("--append takes --index, the folder of the index that grows")
+    if keep_per_place is not None and not append:
+        raise typer.BadParameter("--keep-per-place is for a drive that is added to an index: --append")
+    opened = None if index is None else (open_index if append else MapIndex.open)(index)
     parameters = parameters_of(profile or "default") if opened is None else opened.parameters
     localizer = None if opened is None else Localizer(opened)
-    session = Session(parameters, localizer, every, poses, mounted)
-    for number, line in enumerate(_lines(source), start=1):
-        if not line.strip():
-            continue
-        try:
-            for answer in session.take(parse(line)):
-                _say(answer)
-        except M2TError as error:
-            _say({"type": "error", "line": number, "text": str(error)})
-    for answer in session.end():
-        _say(answer)
+    behind = LiveLoops(parameters, opened if append else None, loops, localizer, keep_per_place)
+    session = Session(parameters, localizer, every, poses, mounted, behind.take if loops or append else None)
+    try:
+        for number, line in enumerate(_lines(source), start=1):
+            if not line.strip():
+                continue
+            try:
+                for answer in session.take(parse(line)):
+                    _say(answer)
+            except M2TError as error:
+                _say({"type": "error", "line": number, "text": str(error)})
+        for answer in session.end():
+            _say(answer)
+    finally:
+        behind.end()
 
 
 def _say(answer: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from whoosh.query import Term
+from whoosh.query import And, Term
 
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
@@ -15,6 +15,7 @@ from m2t_text.errors import MapIndexError, SourceError
 from m2t_text.index.codec import MapSegment
 from m2t_text.index.kernels.packed import MOST
 from m2t_text.index.schema import to_fields
+from m2t_text.index.search.query import NumberRange
 from m2t_text.index.writing.folder import damage_errors, open_whoosh
 from m2t_text.index.writing.merge_policy import merge_all, merge_small
 from m2t_text.index.writing.segment_writer import SegmentMaker
@@ -148,6 +149,13 @@ class MapWriter:
         self._drives.pop(name, None)
         with damage_errors(self._path):
             self._whoosh.delete_by_query(Term("dataset", name))
+
+    def remove_map(self, document: Document) -> None:
+        """Removes one map that was committed before."""
+        scan = document.first_scan
+        one = And([Term("dataset", document.dataset), NumberRange("first_scan", scan, scan)])
+        with damage_errors(self._path):
+            self._whoosh.delete_by_query(one)
 
     def commit(self) -> None:
         """Makes all changes visible at once.

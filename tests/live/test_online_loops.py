@@ -1,0 +1,147 @@
+"""Loops that come out while driving are those of the whole log; and the index that grows with the drive."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from calling import Call
+
+from m2t_text.config import PROFILES
+from m2t_text.errors import M2TError
+from m2t_text.index.map_index import MapIndex
+from m2t_text.live.localizer import Localizer
+from m2t_text.live.looping import LiveLoops
+from m2t_text.live.messages import Reset, Swept
+from m2t_text.live.session import Session
+from m2t_text.logs import read_log
+from m2t_text.logs.log import Log
+from m2t_text.loops.detection import LoopDetection, detect_loops
+from m2t_text.loops.export import to_json
+from m2t_text.loops.graph import pose_graph
+from m2t_text.loops.growing import TOGETHER, GrowingDataset
+from m2t_text.loops.online import OnlineLoops
+
+DEFAULT = PROFILES["default"]
+
+
+def answers(log: Log, behind: LiveLoops) -> list[tuple[int, dict[str, Any]]]:
+    """What is told of a drive, each with the scan at which it is."""
+    session = Session(DEFAULT, poses=False, laser_pose=log.laser_pose, left=behind.take)
+    told = [(k, one) for k, scan in enumerate(log.scans) for one in session.take(Swept(scan, True))]
+    behind.end()
+    return told
+
+
+def expected(detection: LoopDetection) -> list[dict[str, Any]]:
+    loops: list[dict[str, Any]] = to_json(detection, pose_graph(detection))["loops"]
+    return loops
+
+
+def check_equal(log: Log, detection: LoopDetection) -> None:
+    told = answers(replace(log, ground_truth=None), LiveLoops(DEFAULT))
+    assert [one["known"] for _, one in told] == [k for k, _ in told]  # each as soon as it is known
+    named = [{**one, "query": one["query"].replace("live/", f"{log.name}/")} for _, one in told]
+    for one in named:
+        assert one.pop("type") == "loop"
+        one["map_id"] = one["map_id"].replace("live/", f"{log.name}/")
+    assert named == expected(detection) and named
+
+
+def test_a_real_drive_has_the_loops_of_the_log_to_the_bit(radish: Path) -> None:
+    """The first 140 scans of the Intel Research Lab, cut once."""
+    whole = read_log(radish / "intel-corrected.log.gz")
+    scans = tuple(replace(scan, drive=int(k >= 120)) for k, scan in enumerate(whole.scans[:140]))
+    log = replace(whole, scans=scans, ground_truth=None)
+    check_equal(log, detect_loops(log))
+
+
+def test_a_simulated_drive_has_the_loops_of_the_log(drive: Log, detection: LoopDetection) -> None:
+    check_equal(drive, detection)
+
+
+def test_a_drive_that_is_added_finds_other_drives_and_itself(drive: Log, tmp_path: Path) -> None:
+    index = MapIndex.create(tmp_path / "days", DEFAULT)
+    first = answers(drive, LiveLoops(DEFAULT, index))
+    assert [one.name for one in index.datasets()] == ["live"]
+    maps = len(index)
+    second = answers(drive, LiveLoops(DEFAULT, index))
+    assert [one.name for one in index.datasets()] == ["live", "live-2"] and len(index) == 2 * maps
+    assert len(second) > len(first) > 0
+    assert all(one["from"] is not None for _, one in first)
+    others = [one for _, one in second if one["from"] is None]
+    assert others and all(one["map_id"].startswith("live/") for one in others)
+    assert all(one["query"].startswith("live-2/") for one in others)
+
+
+def test_a_drive_that_is_added_is_not_where_it_is_found(drive: Log, tmp_path: Path) -> None:
+    index = MapIndex.create(tmp_path / "days", DEFAULT)
+    localizer = Localizer(index)
+    behind = LiveLoops(DEFAULT, index, False, localizer)
+    session = Session(DEFAULT, localizer, 5.0, False, drive.laser_pose, behind.take)
+    places = [one for scan in drive.scans for one in session.take(Swept(scan, True))]
+    assert len(places) > 5 and {one["verdict"] for one in places} == {"none"} and len(index) >= TOGETHER
+
+
+def test_a_reset_begins_another_drive(drive: Log, tmp_path: Path) -> None:
+    index = MapIndex.create(tmp_path / "days", DEFAULT)
+    behind = LiveLoops(DEFAULT, index, False)
+    session = Session(DEFAULT, poses=False, laser_pose=drive.laser_pose, left=behind.take)
+    for _ in range(2):
+        for scan in drive.scans[:60]:
+            list(session.take(Swept(scan, True)))
+        list(session.take(Reset()))
+    behind.end()
+    one, other = index.datasets()
+    assert (one.maps, one.travel) == (other.maps, other.travel) and one.maps > 0
+
+
+def test_commits_are_few_and_in_time(drive: Log, tmp_path: Path, detection: LoopDetection) -> None:
+    index = MapIndex.create(tmp_path / "past", DEFAULT)
+    past = GrowingDataset(index, drive.name)
+    documents = [replace(one, dataset=drive.name) for one in _documents(drive)]
+    held = []
+    for document in documents:
+        past.add(document)
+        held.append(len(index))
+    assert set(held) == set(range(0, len(documents) + 1, TOGETHER))
+    past.commit_up_to(documents[held[-1]].middle - 0.01)
+    assert len(index) == held[-1]
+    past.commit_up_to(documents[held[-1]].middle)
+    assert len(index) == len(documents)
+
+
+def _documents(log: Log) -> list[Any]:
+    from m2t_text.mapping.trajectory import survey
+    from m2t_text.pipeline import describe_survey
+
+    whole = survey(log, DEFAULT.mapping)
+    return list(describe_survey(whole, log.name, DEFAULT, spacing=0.5))
+
+
+def test_a_map_before_its_poses_is_told(drive: Log, tmp_path: Path) -> None:
+    online = OnlineLoops(drive.name, MapIndex.create(tmp_path / "past", DEFAULT))
+    document = _documents(drive)[0]
+    online.move(np.zeros((document.last_scan, 3)), np.zeros(document.last_scan))
+    with pytest.raises(M2TError, match=f"before the pose of its scan {document.last_scan}"):
+        online.add(document)
+
+
+def test_in_a_pipe(call: Call, circuit: Path, tmp_path: Path) -> None:
+    _, lines, _ = call("replay", circuit, "--speed", "0")
+    status, out, err = call("live", "-", "--loops", "--no-poses", stdin=lines)
+    assert (status, err) == (0, "")
+    live = [json.loads(line) for line in out.splitlines()]
+    status, out, _ = call("loops", circuit, "--json")
+    batch = json.loads(out)["loops"]
+    assert status == 0 and live and [{"type": "loop"} | one for one in batch] == live
+    index = tmp_path / "days"
+    status, out, err = call("live", "-", "--append", "--index", index, "--no-poses", stdin=lines)
+    assert (status, out, err) == (0, "", "")
+    status, out, _ = call("info", "--index", index, "--json")
+    (dataset,) = json.loads(out)["datasets"]
+    assert dataset["name"] == "circuit" and dataset["maps"] > TOGETHER
+    assert call("live", "-", "--append")[0] == 2
+    assert call("live", "-", "--keep-per-place", "3")[0] == 2

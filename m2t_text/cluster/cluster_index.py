@@ -1,7 +1,7 @@
 """Many shards searched as one index: the same ids, order, scores and verdicts as if all lay in one."""
 
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
@@ -105,15 +105,18 @@ class ClusterIndex:
         method: "Method" = "m2t",
         filter: Query | str | None = None,
         texts: bool = False,
+        least: float = 0.0,
+        wanted: Callable[[Hit], bool] | None = None,
     ) -> list[Hit]:
-        """The best maps for a query's text; see `MapIndex.search`.
+        """The best maps for a query's text; see `MapIndex.search`. What is ``wanted`` goes to the shards.
 
         Raises:
             QueryError: if the filter is not in the query language.
             ClusterError: if a shard does not answer.
         """
         query = self.parse(filter) if isinstance(filter, str) else filter
-        search, manifest = Search(token_hex(16), text, top, exclude, method, query, texts), self.manifest
+        manifest, key = self.manifest, token_hex(16)
+        search = Search(key, text, top, exclude, method, query, texts, least, wanted)
         every = range(len(manifest.shards))
         floor = 0.0
         if top:

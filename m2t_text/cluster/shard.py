@@ -1,6 +1,7 @@
 """What answers for shards: their indexes opened, and searches between their two steps."""
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ class Search:
 
     Attributes:
         key: no other search has it.
-        text, top, exclude, method, filter, texts: as for `MapIndex.search`.
+        text, top, exclude, method, filter, texts, least, wanted: as for `MapIndex.search`.
     """
 
     key: str
@@ -40,6 +41,8 @@ class Search:
     method: "Method"
     filter: Query | None
     texts: bool
+    least: float = 0.0
+    wanted: Callable[[Hit], bool] | None = None
 
 
 class ShardServer:
@@ -102,7 +105,16 @@ class ShardServer:
         index = self.opened(generation, number)
         weighted = getattr(index.model(search.method), "weighted", False)
         whole = self._manifest(generation).statistics if weighted else None
-        return index.ranking(search.text, search.top, search.exclude, search.method, search.filter, whole)
+        return index.ranking(
+            search.text,
+            search.top,
+            search.exclude,
+            search.method,
+            search.filter,
+            whole,
+            search.least,
+            search.wanted,
+        )
 
 
 def call(server: ShardServer, method: str, generation: int, number: int, arguments: tuple[Any, ...]) -> Any:

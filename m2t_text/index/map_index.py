@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
-from m2t_text.index.snapshot import Ranking, Snapshot
+from m2t_text.index.snapshot import Address, Ranking, Snapshot
 from m2t_text.index.writing.folder import (
     check_new,
     create_whoosh,
@@ -304,6 +305,8 @@ class MapIndex:
         method: "Method" = "m2t",
         filter: Query | str | None = None,
         texts: bool = False,
+        least: float = 0.0,
+        wanted: Callable[[Hit], bool] | None = None,
     ) -> list[Hit]:
         """The best maps for a query's text; equal scores are ordered by map id.
 
@@ -314,6 +317,9 @@ class MapIndex:
             method: with the pose words, or the paper's baseline without.
             filter: of Whoosh, or in its query language: ``dataset:NAME AND travel:[10 TO 20]``.
             texts: whether the hits' documents hold their texts; reading each by its id takes longer.
+            least: only maps whose score reaches it; without meaning if ``top`` is 0, as is ``wanted``.
+            wanted: whether a hit counts. It is asked for no more hits than it must: a search for the best of
+                those that it wants looks no farther than one without it would.
 
         Raises:
             QueryError: if the filter is not in the query language.
@@ -328,7 +334,7 @@ class MapIndex:
             >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
             (True, (3,))
         """
-        with self.ranking(text, top, exclude, method, filter) as ranking:
+        with self.ranking(text, top, exclude, method, filter, None, least, wanted) as ranking:
             return self.hits(ranking, top, texts)
 
     def ranking(
@@ -339,17 +345,21 @@ class MapIndex:
         method: "Method" = "m2t",
         filter: Query | str | None = None,
         whole: "Statistics | None" = None,
+        least: float = 0.0,
+        wanted: Callable[[Hit], bool] | None = None,
     ) -> Ranking:
         """A `search` in two steps, so that several indexes can be searched as one; see `hits`.
 
         Args:
-            text, top, exclude, method, filter: as for `search`.
+            text, top, exclude, method, filter, least, wanted: as for `search`.
             whole: what words are weighted by, if this index is a part of a larger whole.
         """
         model = self.model(method)
         query = self.parse(filter) if isinstance(filter, str) else filter
         with self._reading() as snapshot:
-            return snapshot.ranking(text, model, top, self._allowed(snapshot, exclude, query), whole)
+            allowed = self._allowed(snapshot, exclude, query)
+            chosen = None if wanted is None else partial(self._wanted, wanted)
+            return snapshot.ranking(text, model, top, allowed, whole, least, chosen)
 
     def hits(self, ranking: Ranking, top: int, texts: bool = False, floor: float = 0.0) -> list[Hit]:
         """What a search ends with, in the order of scores, then of map ids; none with a score below the floor.
@@ -358,18 +368,25 @@ class MapIndex:
         """
         with damage_errors(self.path):
             addresses, scores = ranking.best(floor)
-            documents = [address.document(text=texts) for address in addresses]
-        ids = [document.map_id for document in documents]
-        ranked = sorted(range(len(ids)), key=lambda k: (-scores.score[k], ids[k]))
+            hits = self._hits(addresses, scores, texts)
+        return sorted(hits, key=lambda hit: (-hit.score, hit.map_id))[: top or None]
+
+    def _wanted(
+        self, wanted: Callable[[Hit], bool], addresses: list[Address], scores: "Scores"
+    ) -> NDArray[np.bool_]:
+        return np.array([wanted(hit) for hit in self._hits(addresses, scores)], dtype=np.bool_)
+
+    def _hits(self, addresses: list[Address], scores: "Scores", texts: bool = False) -> list[Hit]:
+        """Maps and their scores as hits, in the same order."""
         cell = self.parameters.mapping.cell
         return [
             Hit(
-                documents[k],
+                address.document(text=texts),
                 float(scores.score[k]),
                 int(scores.matched[k]),
                 scores.alignment[k] * [cell, cell, 1.0],
             )
-            for k in ranked[: top or None]
+            for k, address in enumerate(addresses)
         ]
 
     def statistics(self) -> "Statistics":

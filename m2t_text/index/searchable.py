@@ -1,5 +1,6 @@
 """What finding a place needs of an index, whether it lies in one folder or on many machines."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -40,6 +41,8 @@ class Searchable(Protocol):
         method: "Method" = "m2t",
         filter: Query | str | None = None,
         texts: bool = False,
+        least: float = 0.0,
+        wanted: Callable[[Hit], bool] | None = None,
     ) -> list[Hit]:
         """The best maps for a query's text, ordered by score, then by map id."""
 

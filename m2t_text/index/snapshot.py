@@ -1,6 +1,6 @@
 """One committed state of an index, as arrays over its maps."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -98,6 +98,9 @@ class Address:
         return from_record(self.dataset, segment.records[number], segment.texts[number] if text else EMPTY)
 
 
+Wanted = Callable[[list[Address], "Scores"], NDArray[np.bool_]]  # which of some maps (K,) count
+
+
 class Ranking:
     """A search of one state in two steps, between which several states can agree on what is good enough.
 
@@ -105,10 +108,18 @@ class Ranking:
     """
 
     def __init__(
-        self, segments: Sequence[Segment], documents: Sequence[NDArray[np.int64]], top_k: "TopK", top: int
+        self,
+        segments: Sequence[Segment],
+        documents: Sequence[NDArray[np.int64]],
+        top_k: "TopK",
+        top: int,
+        least: float = 0.0,
+        wanted: "Wanted | None" = None,
     ) -> None:
-        """``documents`` of each segment may be found; ``top`` of them are wanted, 0 for all."""
+        """``documents`` of each segment may be found; ``top`` of them are looked for, 0 for all. With a ``top``
+        only those count whose score reaches ``least`` and that are ``wanted``."""
         self._segments, self._documents, self._top_k, self._top = segments, documents, top_k, top
+        self._least, self._wanted = least, wanted
 
     def __enter__(self) -> "Ranking":
         return self
@@ -122,7 +133,12 @@ class Ranking:
 
     @cached_property
     def _promising(self) -> "Promising":
-        return self._top_k.promising(self._top)
+        wanted = self._wanted
+        if wanted is None:
+            return self._top_k.promising(self._top, self._least)
+        return self._top_k.promising(
+            self._top, self._least, lambda found, scores: wanted(self._addresses(found), scores)
+        )
 
     def begin(self) -> NDArray[np.float64]:
         """(K,) the best scores among the maps that promise most, in any order; as many as wanted at most."""
@@ -137,13 +153,16 @@ class Ranking:
             found, scores = self._top_k.rest(self._promising, floor)
         else:
             found, scores = np.arange(sum(map(len, self._documents))), self._top_k.all()
+        return self._addresses(found), scores
+
+    def _addresses(self, found: NDArray[np.int64]) -> list[Address]:
+        """Where documents lie that are named by their places among all that may be found."""
         begins = np.cumsum([0, *(len(part) for part in self._documents)])
         owners = np.searchsorted(begins, found, side="right") - 1
-        addresses = [
+        return [
             Address(self._segments[k], int(self._documents[k][number - begins[k]]))
             for k, number in zip(owners.tolist(), found.tolist(), strict=True)
         ]
-        return addresses, scores
 
 
 class Snapshot:
@@ -219,15 +238,18 @@ class Snapshot:
         top: int,
         allowed: Sequence[NDArray[np.bool_]],
         whole: Statistics | None = None,
+        least: float = 0.0,
+        wanted: "Wanted | None" = None,
     ) -> "Ranking":
         """A search among the ``allowed`` (D,) of segments; words are weighted by what is known of a ``whole``,
-        of which these maps are a part, or of them alone."""
+        of which these maps are a part, or of them alone. See `Ranking`."""
         from m2t_text.index.search.top_k import TopK
 
         documents = [np.flatnonzero(part) for part in allowed]
         scorer = model.text_scorer(text, self._collection(whole))
         names = [segment.name for segment in self.segments]
-        return Ranking(self.segments, documents, TopK(scorer, dict(zip(names, documents, strict=True))), top)
+        top_k = TopK(scorer, dict(zip(names, documents, strict=True)))
+        return Ranking(self.segments, documents, top_k, top, least, wanted)
 
     def _collection(self, whole: Statistics | None) -> Collection:
         """The texts, which keep their weights as long as those of the same whole are asked for."""

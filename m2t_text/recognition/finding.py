@@ -21,8 +21,7 @@ from m2t_text.util.types import Floats
 
 VERIFIED = 30  # best hits that are aligned
 LIKELY = 0.8  # of the best score, from which a map that was not verified may fit as well
-WIDER, WIDEST = 4, 16  # times as many hits are looked through for such maps elsewhere
-RIVALS = 3  # of them that are verified
+RIVALS = 3  # such maps elsewhere that are verified
 
 
 @dataclass(frozen=True)
@@ -139,10 +138,10 @@ def judge(
     index: Searchable,
     query: Query,
     verified: Sequence[Found],
-    search: Callable[[int], list[Hit]],
+    search: Callable[..., list[Hit]],
     trail: Trail,
 ) -> Assessment:
-    """How sure the first of the verified hits is, ``search(top)`` giving the hits that they were taken from.
+    """How sure the first of the verified hits is; ``search`` is `MapIndex.search` as it found them.
 
     What takes longer is done only where the answer would else be a `match`: other poses on the best map, and
     maps elsewhere where all verified ones show one place.
@@ -171,21 +170,27 @@ def _symmetric(index: Searchable, query: Query, best: Found) -> list[Found]:
 
 
 def _elsewhere(
-    index: Searchable, query: Query, verified: Sequence[Found], search: Callable[[int], list[Hit]]
+    index: Searchable, query: Query, verified: Sequence[Found], search: Callable[..., list[Hit]]
 ) -> list[Found]:
     """The likeliest maps elsewhere that were not verified: one place may have more maps than those that were.
 
-    None where a verified one is elsewhere, as it is more likely.
+    None where a verified one is elsewhere, as it is more likely, or where no other map is likely.
     """
-    best, known = verified[0], {one.hit.map_id for one in verified}
+    best, floor = verified[0], LIKELY * verified[0].hit.score
     if any(differs(best, one) for one in verified):
         return []
-    floor, count = LIKELY * verified[0].hit.score, VERIFIED
-    while count < WIDEST * VERIFIED:
-        count *= WIDER
-        hits = search(count)
-        unknown = [hit for hit in hits if hit.score >= floor and hit.map_id not in known]
-        others = [hit for hit in unknown if differs(best, Found(hit))]
-        if others or hits[-1].score < floor or len(hits) < count:
-            return verify_hits(index, query, others[:RIVALS])
-    return []
+    if len(verified) < VERIFIED or min(one.hit.score for one in verified) < floor:
+        return []  # those that were verified have the best scores
+    known = frozenset(one.hit.map_id for one in verified)
+    return verify_hits(index, query, search(RIVALS, texts=True, least=floor, wanted=Elsewhere(best, known)))
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Whether a hit is another answer than the best, and none of those that are ``known``, by their map ids."""
+
+    best: Found
+    known: frozenset[str]
+
+    def __call__(self, hit: Hit) -> bool:
+        return hit.map_id not in self.known and differs(self.best, Found(hit))

@@ -9,6 +9,7 @@ import numpy as np
 
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
+from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text
 from m2t_text.index.map_index import MapIndex
 from m2t_text.pipeline import view_text
@@ -58,6 +59,36 @@ def visits(base: MapIndex, maps: int) -> Iterator[Document]:
                 yield replace(
                     document, dataset="visits", first_scan=number, last_scan=number, travel=travel, text=text
                 )
+
+
+def mirrored(base: MapIndex, folder: Path) -> MapIndex:
+    """An index, made unless it is there, of the base and of its mirror image: twice as many buildings."""
+    name = folder / f"{base.parameters.profile}-mirrored"
+    if name.is_dir() and len(MapIndex.open(name)) == 2 * len(base):
+        return MapIndex.open(name)
+    index = MapIndex.create(name, base.parameters)
+    with index.writer() as writer:
+        for dataset in base.datasets():
+            drive, image = (dataset.scans, dataset.travel), f"{dataset.name}-mirrored"
+            writer.replace(dataset.name, base.documents(dataset.name), drive)
+            documents = base.documents(dataset.name)
+            writer.replace(image, (mirror_image(one, image, base.parameters) for one in documents), drive)
+    return index
+
+
+def mirror_image(document: Document, dataset: str, parameters: Parameters) -> Document:
+    """A map with left and right changed, described anew."""
+    text, free, cell = document.text, document.text.free, parameters.mapping.cell
+    seen = view_text(text.positions() * [cell, -cell], parameters.description, cell)
+    squares = FreeSquares.of(free.wx, -free.wy.astype(np.int64) - free.size, free.size)
+    return replace(
+        document,
+        dataset=dataset,
+        pose=document.pose * [1, -1, -1],
+        viewpoint=document.viewpoint * [1, -1, -1],
+        centre_of_gravity=document.centre_of_gravity * [1, -1],
+        text=replace(seen, free=squares),
+    )
 
 
 def _described(job: tuple[np.ndarray, list[Text], Parameters]) -> list[Text]:

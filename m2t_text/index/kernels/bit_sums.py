@@ -76,6 +76,16 @@ def clear(sums: Any) -> None:
 
 
 @inner
+def add_sums(sums: Any, others: Any, result: Any) -> None:
+    """Writes the sums of two (DIGITS, 4) uint64 sums to a third."""
+    carried = every(U(0))
+    for digit in range(U(DIGITS)):
+        a, b = at(sums, digit), at(others, digit)
+        put(result, digit, a ^ b ^ carried)
+        carried = (a & b) | (carried & (a ^ b))
+
+
+@inner
 def largest(sums: Any, among: Any) -> Any:
     """The largest of the sums whose bits ``among`` has in any lane."""
     left, value = every(U(among)), 0

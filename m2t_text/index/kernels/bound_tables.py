@@ -18,13 +18,33 @@ LIMIT = 126  # cells; keypoints of the query beyond count as matched: the coarse
 MARGIN = 14  # cells about the query in which a mask is not empty
 
 
+class Masks(NamedTuple):
+    """What a map's keypoint in each cell lies near, under eight by eight steps; see `_masks`.
+
+    Four bytes, one for each view of a group, stand for eight steps in y; those of the steps in x follow each
+    other. A mask is the 32 bytes from a place on. It is read some hundred times for each map, and so small that
+    a core has it at hand.
+
+    Attributes:
+        half: cells from the middle to the border.
+        rows: (G, R, LANES) uint8. The last sixteen are of what lies outside, and of nothing.
+        step: cells in a step. Cells that lie so many apart follow each other, from the greatest x on.
+        length: places of those.
+        across: places from one y to the next.
+    """
+
+    half: int
+    rows: NDArray[np.uint8]
+    step: int
+    length: int
+    across: int
+
+
 class CoarseTables(NamedTuple):
     """A query made ready for coarse bounds; its V views lie in the lanes of G groups.
 
     Attributes:
-        half: cells from the middle of a table to its border.
-        masks: (G, 4 half² + 2, LANES) uint64 of a map's keypoint in each cell; see `_masks`. The last two
-            are of what lies outside, and of nothing.
+        masks: of coarse steps.
         size: number of the query's keypoints.
         far: of those beyond LIMIT.
         cells: (G, P, LANES) int64 places in the coarse windows of the query's keypoints, one for each coarse
@@ -32,8 +52,7 @@ class CoarseTables(NamedTuple):
         begins: (G, B + 1) where those begin that stand for 1, 2, 4, ... keypoints; filled up to eights.
     """
 
-    half: int
-    masks: NDArray[np.uint64]
+    masks: Masks
     size: int
     far: int
     cells: NDArray[np.int64]
@@ -47,18 +66,18 @@ class CoarseTables(NamedTuple):
         far = int((~near).sum())
         reach = max(int(np.abs(x).max(initial=0)), int(np.abs(y).max(initial=0)))
         half = LIMIT - MARGIN if far else reach + MARGIN
-        return cls(half, _tables(seen, half, far, FIRST, STEP), len(near), far, *_grouped(x, y))
+        return cls(_masks(seen, half, far, FIRST, STEP), len(near), far, *_grouped(x, y))
 
 
 class FineTables(NamedTuple):
     """What a query needs for fine bounds beside.
 
     Attributes:
-        masks: (G, 4 half² + 2, LANES) uint64, as those of the `CoarseTables`.
+        masks: of fine steps, as those of the `CoarseTables`.
         cells: (G, P, LANES) int64 places in the fine windows of the query's keypoints, filled up to eights.
     """
 
-    masks: NDArray[np.uint64]
+    masks: Masks
     cells: NDArray[np.int64]
 
     @classmethod
@@ -67,7 +86,7 @@ class FineTables(NamedTuple):
         near = _near(seen)
         places = FINE.places(seen.wx[:, near], seen.wy[:, near])
         cells = [_in_lanes(list(places[g : g + LANES]), FINE.empty) for g in range(0, len(places), LANES)]
-        return cls(_tables(seen, coarse.half, coarse.far, 0, 1), np.stack(cells))
+        return cls(_masks(seen, coarse.masks.half, coarse.far, 0, 1), np.stack(cells))
 
 
 def _near(seen: Views) -> NDArray[np.bool_]:
@@ -75,12 +94,32 @@ def _near(seen: Views) -> NDArray[np.bool_]:
     return near
 
 
-def _tables(seen: Views, half: int, far: int, first: int, step: int) -> NDArray[np.uint64]:
-    """The masks of a bounder."""
-    parts = [(seen.wx[g : g + LANES], seen.wy[g : g + LANES]) for g in range(0, len(seen.wx), LANES)]
-    tables = np.stack([_masks(*part, half, first, step) for part in parts])
-    tables[:, -2] = ~U(0) if far else U(0)
-    return tables
+def _masks(seen: Views, half: int, far: int, first: int, step: int) -> Masks:
+    """Of each cell c: bit 8 i + j says whether a keypoint q is near it under steps i, j.
+
+    That is, if c - q lies in [s - 1, s + step] with s = first + step i in x, and the same of j in y.
+    """
+    outside = 255 if far else 0
+    length = (2 * half + MARGIN - first) // step + 9
+    rows = [
+        _rows(seen.wx[g : g + LANES], seen.wy[g : g + LANES], half, first, step, length)
+        for g in range(0, len(seen.wx), LANES)
+    ]
+    ends = np.repeat(np.array([outside, 0], np.uint8), 8 * LANES).reshape(16, LANES)
+    return Masks(half, np.stack([np.concatenate([part, ends]) for part in rows]), step, length, step * length)
+
+
+def _rows(
+    x: NDArray[np.int64], y: NDArray[np.int64], half: int, first: int, step: int, length: int
+) -> NDArray[np.uint8]:
+    """(2 half · step · length, LANES) the `Masks.rows` of a group of views (V, Q), but for the last sixteen."""
+    side, wide = 2 * half, 2 * (half + MARGIN)
+    near, bits = np.zeros((wide, wide * LANES), np.uint8), np.zeros((wide, side * LANES), np.uint8)
+    _fill_bits(np.ascontiguousarray(x), np.ascontiguousarray(y), half, first, step, near, bits)
+    rows = np.zeros((length * step, side, LANES), np.uint8)
+    last = side - 1 + MARGIN - first  # where the first step in x takes the greatest x
+    rows[: last + 1] = bits.reshape(wide, side, LANES)[last::-1]
+    return rows.reshape(length, step, side, LANES).transpose(2, 1, 0, 3).reshape(-1, LANES)
 
 
 def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -114,22 +153,12 @@ def _filled(rows: NDArray[np.int64], room: int, nothing: int) -> NDArray[np.int6
     return np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), nothing)])
 
 
-def _masks(x: NDArray[np.int64], y: NDArray[np.int64], half: int, first: int, step: int) -> NDArray[np.uint64]:
-    """(4 half² + 2, LANES) for each cell c: bit 8 i + j says whether a keypoint q is near it under steps i, j.
-
-    That is, if c - q lies in [s - 1, s + step] with s = first + step i in x, and the same of j in y. Lanes are
-    of up to four views (V, Q).
-    """
-    side, wide = 2 * half, 2 * (half + MARGIN)
-    near, bits = np.zeros((wide, wide * LANES), np.uint8), np.zeros((wide, side * LANES), np.uint8)
-    masks = np.zeros((side * side + 2) * LANES, np.uint64)
-    _fill_masks(np.ascontiguousarray(x), np.ascontiguousarray(y), half, first, step, near, bits, masks)
-    return masks.reshape((side * side + 2, LANES))
-
-
 @kernel
-def _fill_masks(x: Any, y: Any, half: Any, first: Any, step: Any, near: Any, bits: Any, masks: Any) -> None:
-    """Fills the ``masks``; ``near`` and ``bits`` are room to work in. All three are 0 at first."""
+def _fill_bits(x: Any, y: Any, half: Any, first: Any, step: Any, near: Any, bits: Any) -> None:
+    """Fills ``bits``: bit j of (column, row) says what a mask does of a step in y; ``near`` is room to work in.
+
+    Both are 0 at first; their columns begin MARGIN cells before the masks'.
+    """
     side, wide = 2 * half, 2 * (half + MARGIN)
     middle = half + MARGIN
     for v in range(len(x)):
@@ -143,9 +172,3 @@ def _fill_masks(x: Any, y: Any, half: Any, first: Any, step: Any, near: Any, bit
             begin = U((MARGIN - first - step * j) * LANES)
             for k in range(across):
                 bits[column, k] |= near[column, begin + k] << U(j)
-    for column in range(U(side)):
-        begin = column * across
-        for i in range(8):
-            other = column + U(MARGIN - first - step * i)
-            for k in range(across):
-                masks[begin + k] |= U(bits[other, k]) << U(8 * i)

@@ -4,48 +4,66 @@ A map's score is the overlap at one offset of the viewpoints, so the largest ove
 Offsets are taken together: a 64 bit mask has one bit for each of eight steps in x times eight in y, and
 says under which of them a keypoint lies near one of the other map. The masks of all keypoints are added, all 64
 sums of four views at once (``sums``). A coarse step stands for three offsets, and near is what is near under
-one of them; where the coarse sums let a map through, the fine ones, a step for each offset, look at those
-offsets again: branch and bound, as in scan matching (Olson, ICRA 2009; Hess et al., ICRA 2016).
+one of them; a fine step is one offset. This is branch and bound, as in scan matching (Olson, ICRA 2009; Hess et
+al., ICRA 2016), in three stages:
+
+- the coarse sums of both maps' keypoints;
+- of two by two coarse steps that may still reach what is needed, a block, the fine sums of the map's keypoints
+  and the coarse ones of the query's: only the query's tables are looked at, and most blocks fall;
+- the fine sums of both, for which the map is drawn on a fine grid.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from m2t_text.index.kernels.bit_sums import DIGITS, add_masks, at_least, clear, largest
+from m2t_text.index.kernels.bit_sums import DIGITS, add_masks, add_sums, at_least, clear, largest
 from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, fine_bitmaps
 from m2t_text.index.kernels.bound_tables import FIRST, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.simd import LANES, at, every, gathered, put, some
+from m2t_text.index.kernels.simd import LANES, at, by_lane, bytes_at, every, full, gathered, put, some
 from m2t_text.index.kernels.unpacking import cells_of
 from m2t_text.util.compiling import inner, kernel
 
 U = np.uint64
 TWO_STEPS = U(0x0303)  # the bits of two by two coarse steps, and
-OF_A_BLOCK = U(0x00003F3F3F3F3F3F)  # of the six by six offsets in them
+OF_A_BLOCK = U(0x00003F3F3F3F3F3F)  # of the six by six offsets in them,
+OF_A_STEP = U(0x0000000000070707)  # and of the three by three in the first of these
 SAMPLED = 8  # every eighth keypoint tells which maps are worth scoring first
+FEW = 6  # blocks of a group of views up to which they are looked at as soon as they are found
 
 
 @inner
-def _flat(x: Any, y: Any, size: Any, dx: Any, dy: Any, half: Any, places: Any) -> Any:
-    """Writes where in a table the cells (x - dx, y - dy) lie, filled up to eights, and returns their number."""
-    side = U(2 * half)
+def _places(x: Any, y: Any, size: Any, dx: Any, dy: Any, masks: Any, places: Any) -> Any:
+    """Writes where the masks of cells (x - dx, y - dy) are, filled up to eights, and returns their number."""
+    # all numbers are of 32 bits, and nothing is looked up, so that several are computed at a time
+    side, across, length = np.uint32(2 * masks.half), np.uint32(masks.across), np.uint32(masks.length)
+    step, inverse = np.uint32(masks.step), np.uint32((1 << 16) // masks.step + 1)
+    outside = np.uint32(masks.rows.shape[1] - 16)
+    right, up = np.int32(masks.half - dx), np.int32(masks.half - dy)
     for k in range(U(size)):
-        column, row = U(np.int64(x[k]) - dx + half), U(np.int64(y[k]) - dy + half)
-        inside = (column < side) & (row < side)
-        places[k] = column * side + row if inside else side * side
+        i, j = np.uint32(x[k] + right), np.uint32(y[k] + up)
+        inside = (i < side) & (j < side)
+        back = np.uint32(side - np.uint32(1) - i)
+        quotient = np.uint32(np.uint32(back * inverse) >> np.uint32(16))
+        remainder = np.uint32(back - quotient * step)
+        place = np.uint32(j * across + remainder * length + quotient)
+        places[k] = place if inside else outside
     full = (size + 7) // 8 * 8
     for k in range(U(size), U(full)):
-        places[k] = side * side + U(1)
+        places[k] = outside + np.uint32(8)
     return full
 
 
 @inner
-def _add_cells(table: Any, places: Any, count: Any, masks: Any, sums: Any) -> None:
-    """Adds the table's masks of places."""
+def _add_cells(rows: Any, places: Any, count: Any, masks: Any, sums: Any) -> None:
+    """Makes ``sums`` those of the masks at places."""
+    clear(sums)
     for k in range(U(count)):
-        put(masks, k, at(table, U(places[k])))
+        put(masks, k, bytes_at(rows, U(places[k])))
     add_masks(masks, count, sums, np.int64(0))
+    for digit in range(U(DIGITS)):
+        put(sums, digit, by_lane(at(sums, digit)))
 
 
 @inner
@@ -73,7 +91,8 @@ class Room(NamedTuple):
         x, y: (N,) int32 cells of a map.
         places: (N,) uint32 of them in a table.
         masks: (N, LANES) uint64 of them, or of as many of the query's.
-        sums: (G, DIGITS, LANES) uint64 of a group of views.
+        sums: (G, DIGITS, LANES) uint64 of the map's keypoints, for each group of views.
+        here, total, block: (DIGITS, LANES) uint64 of the query's keypoints, of both, and of a block.
     """
 
     x: Any
@@ -81,44 +100,91 @@ class Room(NamedTuple):
     places: Any
     masks: Any
     sums: Any
+    here: Any
+    total: Any
+    block: Any
 
     @classmethod
     def of(cls, texts: Texts, documents: Any, query: int, groups: int) -> "Room":
         """Enough for any of the documents, for so many keypoints of the query and groups of its views."""
-        largest = max(query, texts.largest(documents)) + 8
-        x, y, places = np.empty(largest, np.int32), np.empty(largest, np.int32), np.empty(largest, np.uint32)
-        masks, sums = np.empty((largest, LANES), np.uint64), np.empty((groups, DIGITS, LANES), np.uint64)
-        return cls(x, y, places, masks, sums)
+        most = max(query, texts.largest(documents)) + 8
+        x, y, places = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.uint32)
+        masks, sums = np.empty((most, LANES), np.uint64), np.empty((groups, DIGITS, LANES), np.uint64)
+        return cls(x, y, places, masks, sums, *np.empty((3, DIGITS, LANES), np.uint64))
 
 
-def sampled_shares(texts: Texts, documents: Any, tables: CoarseTables, shares: Any) -> None:
+def estimates(texts: Texts, documents: Any, tables: CoarseTables, shares: Any) -> None:
     """Writes to ``shares`` (K,) how well documents may fit, by the few keypoints that are looked at.
 
-    That is the share of them that lie near the query's under the best coarse step.
+    The share of them that lie near the query's under the best coarse step is taken for that of all, and as many
+    of the query's are taken to match.
     """
-    _sampled_shares(texts, documents, tables, Room.of(texts, documents, 0, 1), shares)
+    _estimates(texts, documents, tables, Room.of(texts, documents, 0, 1), shares)
 
 
 @kernel
-def _sampled_shares(texts: Any, documents: Any, tables: Any, room: Any, shares: Any) -> None:
+def _estimates(texts: Any, documents: Any, tables: Any, room: Any, shares: Any) -> None:
     x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums[0]
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], x, y)
         few = (size + SAMPLED - 1) // SAMPLED
         for point in range(U(few)):
             x[point], y[point] = x[point * U(SAMPLED)], y[point * U(SAMPLED)]
-        count = _flat(x, y, few, np.int64(0), np.int64(0), tables.half, places)
+        count = _places(x, y, few, np.int64(0), np.int64(0), tables.masks, places)
         best = np.int64(0)
-        for g in range(len(tables.masks)):
-            clear(sums)
-            _add_cells(tables.masks[g], places, count, masks, sums)
+        for g in range(len(tables.cells)):
+            _add_cells(tables.masks.rows[g], places, count, masks, sums)
             best = max(best, largest(sums, ~U(0)))
-        shares[k] = best / max(few, np.int64(1))
+        near = best / max(few, np.int64(1)) * size
+        shares[k] = (near + min(near, float(tables.size))) / (tables.size + size)
+
+
+@inner
+def _of_block(steps: Any, row: Any, column: Any) -> Any:
+    """The bits of steps that belong to a block, in their places."""
+    return steps & every(TWO_STEPS << U(16 * row + 2 * column))
+
+
+@inner
+def _blocks(steps: Any) -> Any:
+    """How many blocks have one of the steps in any lane."""
+    count = np.int64(0)
+    for block in range(16):
+        if some(_of_block(steps, block // 4, block % 4)):
+            count += 1
+    return count
+
+
+@inner
+def _spread(sums: Any, row: Any, column: Any, result: Any) -> None:
+    """Writes the coarse sums of a block's steps to ``result``, each for all of its offsets."""
+    first = U(16 * row + 2 * column)
+    for digit in range(U(DIGITS)):
+        plane, spread = at(sums, digit), every(U(0))
+        for step in range(U(4)):
+            i, j = step >> U(1), step & U(1)
+            of_step = full(plane & every(U(1) << (first + U(8) * i + j)))
+            spread = spread | of_step & every(OF_A_STEP << (U(24) * i + U(3) * j))
+        put(result, digit, spread)
+
+
+@inner
+def _add_block(fine_tables: Any, g: Any, row: Any, column: Any, size: Any, room: Any) -> Any:
+    """Makes ``room.block`` the fine sums of the map's keypoints in a block, and ``room.total`` these with the
+    coarse ones of the query's; returns the largest of them."""
+    x, y, places = room.x, room.y, room.places
+    dx, dy = FIRST + 2 * STEP * row, FIRST + 2 * STEP * column
+    count = _places(x, y, size, dx, dy, fine_tables.masks, places)
+    _add_cells(fine_tables.masks.rows[g], places, count, room.masks, room.block)
+    _spread(room.here, row, column, room.total)
+    add_sums(room.block, room.total, room.total)
+    return largest(room.total, OF_A_BLOCK)
 
 
 def coarse_bounds(
-    texts: Texts, documents: Any, tables: CoarseTables, needed: Any, scratch: Scratch, bounds: Any
-) -> None:
+    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any,
+    scratch: Scratch, bounds: Any, few: int = FEW,
+) -> None:  # fmt: skip
     """What |Q'| + |M'| of `agreement.agree` cannot exceed.
 
     Args:
@@ -127,36 +193,54 @@ def coarse_bounds(
         needed: (K,) the least |Q'| + |M'| of interest.
         scratch: of COARSE.
         bounds: (K,) int32 result, 0 where what is needed cannot be reached.
+        few: blocks of a group of views up to which the second stage follows at once.
     """
-    groups = len(tables.masks)
+    groups = len(tables.cells)
     room = Room.of(texts, documents, tables.cells.shape[1], groups)
-    _coarse_bounds(texts, documents, tables, needed, scratch, room, np.zeros(groups, np.bool_), bounds)
+    promising = np.zeros(groups, np.bool_)
+    _coarse_bounds(texts, documents, tables, fine_tables, needed, scratch, room, promising, few, bounds)
 
 
 @kernel
 def _coarse_bounds(
-    texts: Any, documents: Any, tables: Any, needed: Any, scratch: Any, room: Any, promising: Any, bounds: Any
-) -> None:
+    texts: Any, documents: Any, tables: Any, fine_tables: Any, needed: Any, scratch: Any, room: Any,
+    promising: Any, few: Any, bounds: Any,
+) -> None:  # fmt: skip
     x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums
-    windows = scratch.window_bytes
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], x, y)
-        count = _flat(x, y, size, np.int64(0), np.int64(0), tables.half, places)
+        count = _places(x, y, size, np.int64(0), np.int64(0), tables.masks, places)
         hope = False
-        for g in range(len(tables.masks)):
-            clear(sums[g])
-            _add_cells(tables.masks[g], places, count, masks, sums[g])
+        for g in range(len(tables.cells)):
+            _add_cells(tables.masks.rows[g], places, count, masks, sums[g])
             # if not even all of the query's keypoints would do, then nothing does
             promising[g] = some(at_least(sums[g], max(np.int64(needed[k]) - tables.size, np.int64(0))))
             hope = hope or promising[g]
-        best = -tables.far
+        best = np.int64(0)
         if hope:
             coarse_bitmaps(x, y, size, scratch, places)
-            for g in range(len(tables.masks)):
+            for g in range(len(tables.cells)):
                 if promising[g]:
-                    _add_coarse(tables, g, windows, masks, sums[g])
-                    best = max(best, largest(sums[g], ~U(0)))
-        bounds[k] = best + tables.far
+                    steps = _add_both(tables, g, needed[k], scratch, sums[g], room)
+                    if _blocks(steps) > few:
+                        best = max(best, largest(room.total, ~U(0)) + tables.far)
+                    else:
+                        for block in range(16):
+                            row, column = block // 4, block % 4
+                            if some(_of_block(steps, row, column)):
+                                most = _add_block(fine_tables, g, row, column, size, room)
+                                best = max(best, most + tables.far)
+        bounds[k] = best if best >= needed[k] else 0
+
+
+@inner
+def _add_both(tables: Any, g: Any, needed: Any, scratch: Any, there: Any, room: Any) -> Any:
+    """Makes ``room.here`` the coarse sums of the query's keypoints and ``room.total`` those of both, the map
+    being drawn and ``there`` those of its own; returns the steps that reach what is needed."""
+    clear(room.here)
+    _add_coarse(tables, g, scratch.window_bytes, room.masks, room.here)
+    add_sums(there, room.here, room.total)
+    return at_least(room.total, max(np.int64(needed) - tables.far, np.int64(0)))
 
 
 def fine_bounds(
@@ -183,21 +267,22 @@ def _fine_bounds(
     for k in range(len(documents)):
         size = cells_of(texts, documents[k], x, y)
         coarse_bitmaps(x, y, size, coarse, places)
-        fine_bitmaps(x, y, size, fine)
+        drawn = False
         bounds[k] = 0
-        for g in range(len(tables.masks)):
-            clear(sums)
-            count = _flat(x, y, size, np.int64(0), np.int64(0), tables.half, places)
-            _add_cells(tables.masks[g], places, count, masks, sums)
-            _add_coarse(tables, g, coarse.window_bytes, masks, sums)
-            steps = at_least(sums, max(np.int64(needed[k]) - tables.far, np.int64(0)))
-            for block in range(16):  # of two by two steps
-                i, j = block // 4, block % 4
-                if some(steps & every(TWO_STEPS << U(16 * i + 2 * j))):
-                    dx, dy = FIRST + 2 * STEP * i, FIRST + 2 * STEP * j
-                    clear(sums)
-                    count = _flat(x, y, size, dx, dy, tables.half, places)
-                    _add_cells(fine_tables.masks[g], places, count, masks, sums)
-                    cells, move, zero = fine_tables.cells[g], dy * FINE_SIDE + dx, np.int64(0)
-                    _add_windows(fine.window_bytes, cells, zero, len(cells), move, masks, sums, zero)
-                    bounds[k] = max(np.int64(bounds[k]), largest(sums, OF_A_BLOCK) + tables.far)
+        for g in range(len(tables.cells)):
+            count = _places(x, y, size, np.int64(0), np.int64(0), tables.masks, places)
+            _add_cells(tables.masks.rows[g], places, count, masks, sums)
+            steps = _add_both(tables, g, needed[k], coarse, sums, room)
+            for block in range(16):
+                row, column = block // 4, block % 4
+                if not some(_of_block(steps, row, column)):
+                    continue
+                if _add_block(fine_tables, g, row, column, size, room) + tables.far < needed[k]:
+                    continue
+                if not drawn:
+                    fine_bitmaps(x, y, size, fine)
+                    drawn = True
+                cells, zero = fine_tables.cells[g], np.int64(0)
+                move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
+                _add_windows(fine.window_bytes, cells, zero, len(cells), move, masks, room.block, zero)
+                bounds[k] = max(np.int64(bounds[k]), largest(room.block, OF_A_BLOCK) + tables.far)

@@ -77,6 +77,33 @@ def at(typing: Any, array: Any, row: Any) -> Any:
 
 
 @intrinsic
+def bytes_at(typing: Any, array: Any, row: Any) -> Any:
+    """Eight rows of a C-contiguous (N, 4) uint8 array, from one on; see `by_lane`."""
+
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = builder.mul(arguments[1], WORD(LANES))
+        pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
+        return builder.load(builder.bitcast(pointer, VECTOR.as_pointer()), align=1)
+
+    return lanes(array, types.uint64), load
+
+
+@intrinsic
+def by_lane(typing: Any, value: Any) -> Any:
+    """Bytes that were loaded as eight rows of four, each column of them in a lane."""
+
+    def shuffle(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        size = 8 * LANES
+        vector = ir.VectorType(ir.IntType(8), size)
+        order = [LANES * (place % 8) + place // 8 for place in range(size)]
+        places = ir.Constant(ir.VectorType(ir.IntType(32), size), order)
+        rows = builder.bitcast(arguments[0], vector)
+        return builder.bitcast(builder.shuffle_vector(rows, rows, places), VECTOR)
+
+    return lanes(lanes), shuffle
+
+
+@intrinsic
 def put(typing: Any, array: Any, row: Any, value: Any) -> Any:
     """Writes a row of such an array."""
 
@@ -142,6 +169,17 @@ def filled(typing: Any, value: Any) -> Any:
     def compare(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         zero = ir.Constant(VECTOR, [0] * LANES)
         return builder.zext(builder.icmp_unsigned("!=", arguments[0], zero), VECTOR)
+
+    return lanes(lanes), compare
+
+
+@intrinsic
+def full(typing: Any, value: Any) -> Any:
+    """All bits of each lane that is not 0."""
+
+    def compare(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero = ir.Constant(VECTOR, [0] * LANES)
+        return builder.sext(builder.icmp_unsigned("!=", arguments[0], zero), VECTOR)
 
     return lanes(lanes), compare
 

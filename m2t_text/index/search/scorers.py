@@ -151,7 +151,7 @@ class AgreementScorer:
     def estimate(self, name: str, documents: Documents) -> Floats:
         shares = np.zeros(len(documents))
         if len(self._seen.wa):
-            bounds.sampled_shares(self._texts(name), documents, self._coarse, shares)
+            bounds.estimates(self._texts(name), documents, self._coarse, shares)
         return shares
 
     @cached_property
@@ -168,8 +168,8 @@ class AgreementScorer:
         if not self._bounded:
             return np.full(len(documents), float(len(self._seen.wa) > 0))
         needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
-        room = self._coarse_scratch.room
-        bounds.coarse_bounds(self._texts(name), documents, self._coarse, needed, room, most)
+        texts, room = self._texts(name), self._coarse_scratch.room
+        bounds.coarse_bounds(texts, documents, self._coarse, self._fine, needed, room, most)
         return most / self._sizes(name, documents)
 
     def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:

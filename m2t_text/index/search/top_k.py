@@ -14,10 +14,11 @@ from m2t_text.util.workers import cores
 
 Documents = NDArray[np.int64]
 Part = TypeVar("Part")
+Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 
 SHARES = 32  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
-SIEVED = 32_768  # documents from which on a sieve is worth its tables
+SIEVED = 4096  # documents from which on a sieve is worth its tables
 SAMPLE, EIGHTH = 16_384, 8  # of them, at most, and every eighth are looked at to find what is needed,
 FEW = 1024  # and of these so many to find what the sieve lets through
 LOOSE = 0.5  # share of them that a sieve lets through at most, if it is to be used
@@ -62,6 +63,7 @@ class Promising:
         scores: of those.
         top: how many documents are looked for.
         floor: a score that the best ``top`` reach.
+        wanted: which documents count; all if None.
     """
 
     every: NDArray[np.int64]
@@ -70,6 +72,7 @@ class Promising:
     scores: Scores
     top: int
     floor: float
+    wanted: Wanted | None
 
     @property
     def best(self) -> Floats:
@@ -102,20 +105,29 @@ class TopK:
         """The scores of all documents, in the order in which they were given."""
         return self._scores(np.arange(len(self._documents)), 0.0)
 
-    def best(self, top: int) -> tuple[NDArray[np.int64], Scores]:
+    def best(
+        self, top: int, least: float = 0.0, wanted: Wanted | None = None
+    ) -> tuple[NDArray[np.int64], Scores]:
         """The ``top`` best documents and all that tie with the last of them: their places, and scores.
 
         Places count in the order in which the documents were given. Those without a match are left out. Exact:
         whatever else there is has a bound below ``top`` scores.
-        """
-        return self.rest(self.promising(top))
 
-    def promising(self, top: int) -> Promising:
+        Args:
+            top: 1 or more.
+            least: only documents whose score reaches it.
+            wanted: which documents count, given the places and scores of some (K,); all if None. It is asked
+                only for those whose score matters.
+        """
+        return self.rest(self.promising(top, least, wanted))
+
+    def promising(self, top: int, least: float = 0.0, wanted: Wanted | None = None) -> Promising:
         """The first half of `best`: scores the documents that promise most."""
-        every, floor = self._sieved(top)
+        every, floor = self._sieved(top, least, wanted)
         estimate = _joined(self._each(self._scorer.estimate, every))
         likely = _largest(estimate, 2 * top)
-        return Promising(every, estimate, likely, self._scores(every[likely], 0.0), top, floor)
+        scores = self._counted(every[likely], floor, wanted)
+        return Promising(every, estimate, likely, scores, top, floor, wanted)
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The second half of `best`: looks at the other documents.
@@ -141,14 +153,14 @@ class TopK:
             size *= GROWTH
             tight = _joined(self._each(self._scorer.fine_bound, np.sort(batch), last))
             close = np.sort(batch)[tight >= last]
-            scores = Scores.joined([scores, self._scores(close, last)])
+            scores = Scores.joined([scores, self._counted(close, last, promising.wanted)])
             done = np.append(done, close)
             last = max(floor, _last(scores, top))
             rest, bounds = rest[bounds >= last], bounds[bounds >= last]
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
         return done[kept], scores[kept]
 
-    def _sieved(self, top: int) -> tuple[NDArray[np.int64], float]:
+    def _sieved(self, top: int, least: float, wanted: Wanted | None) -> tuple[NDArray[np.int64], float]:
         """The places of documents that may be among the ``top`` best, and a score that those reach.
 
         What the best of a sample reach, others have to reach as well. Where the sieve would let most of them
@@ -156,14 +168,22 @@ class TopK:
         """
         every = np.arange(len(self._documents))
         if len(every) < SIEVED or not self._scorer.sieves:
-            return every, 0.0
+            return every, least
         sample = every[:: max(EIGHTH, -(-len(every) // SAMPLE))]
         estimate = _joined(self._each(self._scorer.estimate, sample))
-        floor = _last(self._scores(sample[_largest(estimate, 2 * top)], 0.0), top)
+        floor = max(least, _last(self._counted(sample[_largest(estimate, 2 * top)], least, wanted), top))
         few = sample[:: -(-len(sample) // FEW)]
         if np.concatenate(self._each(self._scorer.may_reach, few, floor)).mean() > LOOSE:
             return every, floor
         return every[np.concatenate(self._each(self._scorer.may_reach, every, floor))], floor
+
+    def _counted(self, places: NDArray[np.int64], threshold: float, wanted: Wanted | None) -> Scores:
+        """The scores at places, 0 of those that are not wanted; those below the threshold do not matter."""
+        scores = self._scores(places, threshold)
+        if wanted is not None:
+            asked = np.flatnonzero((scores.score > 0) & (scores.score >= threshold))
+            scores.score[asked[~wanted(places[asked], scores[asked])]] = 0.0
+        return scores
 
     def _scores(self, places: NDArray[np.int64], threshold: float) -> Scores:
         order = np.argsort(places)

@@ -29,22 +29,25 @@ def walls(rng: np.random.Generator, keypoints: int, span: int, words: int = 40) 
 
 
 def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: int):
-    """|Q'| + |M'| of each map, and both of its bounds; the fine one where the coarse one reaches the median."""
+    """|Q'| + |M'| of each map, and its bounds: the coarse one, the larger of both tighter ones, and the fine
+    one where the coarse one reaches the median."""
     texts, documents = Texts.of(maps), np.arange(len(maps))
     seen = views(query, turns, directions)
     both, matched = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
     found, coarse = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
     agreement.agree(texts, documents, agreement.AgreementTables.of(seen, 10), both, matched, found)
     bounder = bound_tables.CoarseTables.of(seen)
-    bounds.coarse_bounds(texts, documents, bounder, np.zeros_like(both), COARSE.scratch(), coarse)
-    early = np.zeros_like(coarse)
-    bounds.coarse_bounds(texts, documents, bounder, both + 1, COARSE.scratch(), early)
+    finer, scratch = bound_tables.FineTables.of(seen, bounder), COARSE.scratch()
+    bounds.coarse_bounds(texts, documents, bounder, finer, np.zeros_like(both), scratch, coarse, few=0)
+    early, tighter = np.zeros_like(coarse), np.zeros_like(coarse)
+    bounds.coarse_bounds(texts, documents, bounder, finer, both + 1, scratch, early, few=0)
     assert ((early == coarse) | (early == 0)).all()
+    bounds.coarse_bounds(texts, documents, bounder, finer, np.maximum(both, 1), scratch, tighter, few=16)
+    assert (tighter >= both).all()
     needed = np.maximum(np.full(len(maps), int(np.median(both)), dtype=np.int32), 1)
     fine = np.zeros(len(maps), dtype=np.int32)
-    finer = bound_tables.FineTables.of(seen, bounder)
     bounds.fine_bounds(texts, documents, bounder, finer, needed, COARSE.scratch(), FINE.scratch(), fine)
-    return both, coarse, fine, needed
+    return both, coarse, np.maximum(tighter, fine), fine, needed
 
 
 @settings(max_examples=40, deadline=None)
@@ -54,16 +57,16 @@ def test_no_score_exceeds_its_bounds(seed, span, directions):
     query = walls(rng, 150, span)
     copies = [query.turned(k).moved([*rng.uniform(-1.2, 1.2, 2), 0.0], 0.1) for k in range(4)]
     maps = copies + [walls(rng, int(rng.integers(1, 300)), span) for _ in range(8)]
-    both, coarse, fine, needed = measured(query, maps, (0, 1, 2, 3), directions)
+    both, coarse, tighter, fine, needed = measured(query, maps, (0, 1, 2, 3), directions)
     assert (coarse >= both).all()
     if max(np.abs(query.wx).max(), np.abs(query.wy).max()) < bound_tables.LIMIT / 1.5:  # in each direction
-        assert (fine <= coarse).all()
+        assert (tighter <= coarse).all()
     assert (fine[both >= needed] >= both[both >= needed]).all()
 
 
 def test_keypoints_that_repeat_and_maps_without_any():
     query = Text.of(np.zeros(50), np.zeros(50), np.full(50, 3))
-    both, coarse, fine, _ = measured(query, [query, Text.of([], [], []), Text.of([3], [0], [3])], (0, 1), 1)
+    both, coarse, _, fine, _ = measured(query, [query, Text.of([], [], []), Text.of([3], [0], [3])], (0, 1), 1)
     assert both.tolist() == [100, 0, 51] and (coarse >= both).all()
     assert fine[0] == 100 and fine[2] in (0, 51)
 
@@ -71,7 +74,7 @@ def test_keypoints_that_repeat_and_maps_without_any():
 def test_the_fine_bound_is_the_largest_overlap_of_all_offsets():
     rng = np.random.default_rng(5)
     query, found = walls(rng, 200, 60), walls(rng, 200, 60)
-    both, _, fine, needed = measured(query, [found], (0,), 1)
+    both, _, _, fine, needed = measured(query, [found], (0,), 1)
     q, m = (np.stack([t.wx, t.wy], 1).astype(int) for t in (query, found))
     most = 0
     for dx in range(bound_tables.FIRST, bound_tables.FIRST + 26):
@@ -176,3 +179,34 @@ def test_the_best_are_the_first_of_all(tmp_path, monkeypatch, score, weighted, l
                 (h.map_id, h.score, h.matched) for h in wanted
             ]
             assert all(np.array_equal(a.alignment, b.alignment) for a, b in zip(best, wanted, strict=True))
+
+
+@pytest.mark.parametrize("sieved", [2, 10**9])
+def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(tmp_path, monkeypatch, sieved):
+    """The best hits above a score that a caller wants, wherever they stand among the others."""
+    for name, value in {"SIEVED": sieved, "SAMPLE": 40, "EIGHTH": 2, "FEW": 10, "LOOSE": 1.0}.items():
+        monkeypatch.setattr(top_k, name, value)
+    monkeypatch.setattr(collection, "ALONE", 0)
+    rng = np.random.default_rng(4)
+    index = MapIndex.create(tmp_path / "index", Parameters(matching=MatchingParameters(score="agreement")))
+    for name in ("b", "a"):
+        texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(80)]
+        index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
+    asked = 0
+
+    def turned(hit):
+        nonlocal asked
+        asked += 1
+        return abs(hit.alignment[2]) > 1.0 and hit.document.first_scan % 3 > 0
+
+    for query in (texts[7], walls(rng, 90, 40)):
+        everything = index.search(query, top=0)
+        for least in (0.0, 0.2, everything[40].score, 2.0):
+            for top in (1, 3, 20):
+                wanted = [hit for hit in everything if hit.score >= max(least, 1e-9) and turned(hit)][:top]
+                asked = 0
+                found = index.search(query, top, least=least, wanted=turned)
+                assert [(h.map_id, h.score) for h in found] == [(h.map_id, h.score) for h in wanted]
+                assert asked <= 2 * len(everything)  # some of a sample, and then of all
+                plain = [hit.map_id for hit in everything if hit.score >= max(least, 1e-9)][:top]
+                assert [hit.map_id for hit in index.search(query, top, least=least)] == plain

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test web-test ros-test web-bench live-bench stress fuzz bench loops slam-bench calibrate lint docs docs-check notebooks clean
+.PHONY: help demo test web-test cluster-test ros-test web-bench live-bench stress fuzz bench loops slam-bench calibrate lint docs docs-check notebooks clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -29,6 +29,13 @@ web-test: $(VENV)/.installed-web  ## the page in a real browser, and uploads
 	@test -d node_modules/axe-core || npm install --silent --no-save --no-package-lock axe-core@4 > /dev/null 2>&1 \
 	  || echo "axe-core is not there and cannot be installed here: accessibility is not tested"
 	$(BIN)/python -m pytest tests/web -m page -rs
+
+# CLUSTER_HOSTS=1 adds several hosts, as network namespaces that root alone can make; LOGS=100 is how many they describe.
+cluster-test: $(VENV)/.installed-test  ## a live cluster: exact answers, whatever is killed
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[cluster]' > /dev/null 2>&1 \
+	  || echo "Ray cannot be installed here: the cluster is not tested"
+	$(BIN)/python -m pytest tests/cluster -m cluster -n 0 -rs || test $$? = 5
+	$(if $(CLUSTER_HOSTS),$(BIN)/python tests/cluster/hosts.py)
 
 # WEB_BENCH=pictures,click picks parts; the logs of the Radish repository are needed.
 web-bench: $(VENV)/.installed-web  ## what the page must hold: first picture, frames, clicks, drops, many clients

@@ -25,6 +25,7 @@ ORDER = (
     "saved-maps",
     "web",
     "indexes",
+    "cluster",
     "loops",
     "ros2",
     "mapping",

@@ -6,6 +6,7 @@ import typer
 
 from m2t_text import __version__
 from m2t_text.cli.commands.check import check
+from m2t_text.cli.commands.cluster import cluster
 from m2t_text.cli.commands.evaluate import evaluate
 from m2t_text.cli.commands.evaluate_loops import evaluate_loops
 from m2t_text.cli.commands.evaluate_map import evaluate_map
@@ -49,6 +50,7 @@ COMMANDS = (
 for command in COMMANDS:
     app.command()(command)
 app.command("map")(map_command)
+app.add_typer(cluster, name="cluster")
 
 
 def _print_version(wanted: bool) -> None:

@@ -82,6 +82,11 @@ class ClusterIndex:
         return {number: self.manifest.shards[number].maps for number in sorted(self._missing)}
 
     @property
+    def missing_maps(self) -> int:
+        """How many maps the shards have that did not answer."""
+        return sum(self.missing.values())
+
+    @property
     def parameters(self) -> Parameters:
         """With which all maps were described."""
         return self.manifest.parameters

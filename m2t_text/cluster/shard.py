@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from whoosh.query import Query
 
 from m2t_text.cluster.manifest import Manifest
 from m2t_text.cluster.store import Store
-from m2t_text.description.document import Document
+from m2t_text.description.document import Document, map_id_of
 from m2t_text.description.text import Text
 from m2t_text.errors import ClusterError
 from m2t_text.index.map_index import MapIndex
@@ -78,8 +78,13 @@ class ShardServer:
         return self.opened(generation, number).runs(dataset)
 
     def ready(self, generation: int, number: int) -> int:
-        """Opens a shard, and returns how many maps it has."""
-        return len(self.opened(generation, number))
+        """Opens a shard, and returns how many maps it has. One search compiles what others need."""
+        index = self.opened(generation, number)
+        scan = next((int(index.runs(one.name)[0][0]) for one in index.datasets()), None)
+        if scan is not None:
+            first = index.document(map_id_of(index.datasets()[0].name, scan))
+            index.search(first.text, top=1, exclude=(first.dataset, first.middle, 0.0))
+        return len(index)
 
     def opened(self, generation: int, number: int) -> MapIndex:
         """The index of a shard in a generation."""
@@ -115,8 +120,3 @@ class ShardServer:
             search.least,
             search.wanted,
         )
-
-
-def call(server: ShardServer, method: str, generation: int, number: int, arguments: tuple[Any, ...]) -> Any:
-    """What a method of a server returns."""
-    return getattr(server, method)(generation, number, *arguments)

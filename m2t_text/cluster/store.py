@@ -19,6 +19,7 @@ from m2t_text.index.writing.toc import LIMIT, contents_name, files_of, generatio
 from m2t_text.util.files import make_folder
 
 KEPT = 600.0  # s for which a generation that was replaced is kept: searches that began with it go on
+PARTS = "parts"  # what is described and not in a shard yet
 MANIFEST_LIMIT = 64 * LIMIT  # bytes
 
 
@@ -83,7 +84,7 @@ class Store:
         if generation(MapStorage(self.path)) >= 0:
             raise MapIndexError(f"{self.path} holds an index without shards; choose another folder")
         if self.generation < 0 and self.path.is_dir():
-            own = (file for file in self.path.iterdir() if SHARD.fullmatch(file.name) or file.name == "parts")
+            own = (file for file in self.path.iterdir() if SHARD.fullmatch(file.name) or file.name == PARTS)
             if not any(own):  # else it was left half made
                 check_new(self.path)
 

@@ -1,7 +1,8 @@
 """Putting datasets into a sharded index: each into one shard, all of them visible at once."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from m2t_text.cluster.manifest import MOST_SHARDS, Manifest, Shard
@@ -28,7 +29,7 @@ class ShardedWriter:
     def place(self, name: str) -> int:
         """The shard of a dataset: the one that has it, else the one with the fewest maps."""
         if name not in self._places:
-            self._places[name] = min(range(len(self._maps)), key=lambda number: (self._maps[number], number))
+            self._places[name] = place(self._maps)
         return self._places[name]
 
     def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
@@ -58,6 +59,32 @@ class ShardedWriter:
     def changed(self) -> dict[int, Shard]:
         """The new states of the shards that were changed, once all their writers have committed."""
         return {number: described(folder) for number, folder in self._folders.items()}
+
+
+def place(maps: Sequence[int]) -> int:
+    """The number of the shard that has the fewest maps."""
+    return min(range(len(maps)), key=lambda number: (maps[number], number))
+
+
+@dataclass(frozen=True)
+class Target:
+    """A sharded index that `index_sources` writes to; with ``shards`` None it has as many as before, or one."""
+
+    store: Store
+    shards: int | None = None
+
+    def parameters(self, wanted: Parameters | None) -> Parameters | None:
+        """Of what is there, which must be those that are wanted, if any are; None if nothing is there."""
+        if self.store.generation < 0:
+            return None
+        stored = self.store.manifest().parameters
+        if wanted is not None and wanted != stored:
+            raise other_parameters(self.store.path, stored, wanted)
+        return stored
+
+    def writer(self, parameters: Parameters) -> AbstractContextManager[ShardedWriter]:
+        """Changes that make one generation."""
+        return sharded_writer(self.store, parameters, self.shards)
 
 
 @contextmanager

@@ -97,6 +97,11 @@ class MapIndex:
             stored = parameters  # they are the index's with its first maps
         return cls(folder, whoosh, stored)
 
+    @property
+    def missing_maps(self) -> int:
+        """None: a search is of all maps, or fails."""
+        return 0
+
     def pinned(self) -> "MapIndex":
         """The same index at its latest committed state, which it keeps whatever is committed later."""
         pinned = MapIndex(self.path, self.whoosh, self.parameters)

@@ -28,6 +28,10 @@ class Searchable(Protocol):
     def parameters(self) -> Parameters:
         """With which all maps were described."""
 
+    @property
+    def missing_maps(self) -> int:
+        """How many maps could not be searched."""
+
     def __len__(self) -> int: ...
 
     def pinned(self) -> "Searchable":

@@ -57,6 +57,7 @@ class Answer:
             "index": {
                 "path": str(self.index.path),
                 "maps": len(self.index),
+                "missing_maps": self.index.missing_maps,
                 "profile": self.index.parameters.profile,
             },
             "seconds": {

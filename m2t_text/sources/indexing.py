@@ -1,17 +1,18 @@
 """From files to an index: several sources in one commit."""
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import Protocol
 
 from m2t_text.config import PROFILES, Parameters, parameters_of
+from m2t_text.description.document import Document
 from m2t_text.errors import SourceError
 from m2t_text.index.map_index import MapIndex, open_index
 from m2t_text.index.writing.folder import holds_index
-from m2t_text.index.writing.map_writer import MapWriter
 from m2t_text.sources.opening import SourceOptions, dataset_names, open_source
 from m2t_text.util.types import SourceProgress
 
@@ -53,21 +54,59 @@ class Report:
     failed: list[str] = field(default_factory=list)
 
 
-def index_sources(request: IndexRequest, progress: SourceProgress | None = None) -> Report:
+class Writer(Protocol):
+    """What takes the maps of datasets; see `MapWriter.replace`."""
+
+    def replace(self, name: str, documents: Iterable[Document], drive: tuple[int, float] | None = None) -> None:
+        """These documents instead of all that the dataset had."""
+
+
+class Target(Protocol):
+    """Where maps go."""
+
+    def parameters(self, wanted: Parameters | None) -> Parameters | None:
+        """Of what is there, which must be those that are wanted, if any are; None if nothing is there."""
+
+    def writer(self, parameters: Parameters) -> AbstractContextManager[Writer]:
+        """Changes that are made together when the block ends."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """An index in a folder."""
+
+    path: Path
+
+    def parameters(self, wanted: Parameters | None) -> Parameters | None:
+        return MapIndex.open(self.path, wanted).parameters if holds_index(self.path) else None
+
+    def writer(self, parameters: Parameters) -> AbstractContextManager[Writer]:
+        return open_index(self.path, parameters).writer()
+
+
+def index_sources(
+    request: IndexRequest, progress: SourceProgress | None = None, target: Target | None = None
+) -> Report:
     """Describes every map of every source; each dataset replaces the one of the same name, all in one commit.
 
     A source that cannot be read is left out, and what the index held of it stays. Documents are written as
     they are made, so memory does not grow with the number of maps.
+
+    Args:
+        request: what, and how.
+        progress: called with (source, stage, done, total).
+        target: where the maps go, if not into an index in the request's folder.
 
     Raises:
         M2TError: if the request cannot be met; nothing is written then.
     """
     tell = progress or (lambda what, stage, done, of: None)
     names = dataset_names(request.sources, "indexed", request.options.name)
-    parameters = _parameters(request)
+    into = target or Folder(request.index)
+    parameters = parameters_for(request, into)
     report = Report()
     with ExitStack() as commit:
-        writer: MapWriter | None = None
+        writer: Writer | None = None
         for path, name in zip(request.sources, names, strict=True):
             begin = perf_counter()
             try:
@@ -78,7 +117,7 @@ def index_sources(request: IndexRequest, progress: SourceProgress | None = None)
                 report.failed.append(str(error))
                 continue
             # The index is made, and locked, not before there is something to put into it.
-            writer = writer or commit.enter_context(open_index(request.index, parameters).writer())
+            writer = writer or commit.enter_context(into.writer(parameters))
             writer.replace(name, described.documents, described.drive)
             scans, _ = described.drive
             report.indexed.append(Indexed(name, scans, perf_counter() - begin, source.warnings))
@@ -87,9 +126,7 @@ def index_sources(request: IndexRequest, progress: SourceProgress | None = None)
     return report
 
 
-def _parameters(request: IndexRequest) -> Parameters:
+def parameters_for(request: IndexRequest, target: Target) -> Parameters:
     """Of the index if there is one, which must be those asked for, if any are."""
     wanted = parameters_of(request.profile) if request.profile is not None else None
-    if holds_index(request.index):
-        return MapIndex.open(request.index, wanted).parameters
-    return wanted or PROFILES["default"]
+    return target.parameters(wanted) or wanted or PROFILES["default"]

@@ -10,10 +10,15 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
+THREADS = "M2T_THREADS"  # the variable that says how many cores a process may use at most
+
+
 def cores(jobs: int | None) -> int:
     """As many processes as asked for, else as there are cores for this one."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
-    return jobs or (len(affinity(0)) if affinity else os.cpu_count() or 1)
+    there = len(affinity(0)) if affinity else os.cpu_count() or 1
+    most = os.environ.get(THREADS, "")
+    return jobs or (min(there, max(1, int(most))) if most.isdecimal() else there)
 
 
 def mapped(make: Callable[[], Callable[[Item], Result]], items: Sequence[Item], jobs: int) -> Iterator[Result]:

@@ -8,13 +8,16 @@ import typer
 
 from m2t_text.cli.compiling import compile_beside, compile_first
 from m2t_text.cli.console import a_number, as_called, bars, complain, note, print_held, print_lines, print_table
+from m2t_text.cli.opening import ClusterOption, local_address, opened
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, reads_logs
 from m2t_text.config import PROFILES, parameters_of
 from m2t_text.util.files import check_folder
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
+    from m2t_text.sources.indexing import IndexRequest, Report
     from m2t_text.sources.opening import SourceOptions
+    from m2t_text.util.types import SourceProgress
 
 JobsOption = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Processes that describe maps.", show_default="all cores")
@@ -100,13 +103,18 @@ def index(
         ),
     ] = None,
     jobs: JobsOption = None,
+    shards: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Parts of an index for a cluster.", show_default="as before"),
+    ] = None,
+    cluster: ClusterOption = None,
     *,
     reading: "SourceOptions",
 ) -> None:
     """Describe every local map of laser logs as text, and put the texts into an index.
 
     A point cloud is one map; a saved map is seen from many places. A dataset that the index already holds is
-    replaced. All sources are committed together at the end.
+    replaced. All sources are committed together at the end. With --cluster its hosts share the work.
 
     [bold]Examples[/bold]
 
@@ -117,21 +125,25 @@ def index(
     m2t-text index drive.mcap --scan-topic /front/scan
     m2t-text index rooms/*.pcd --height 0.2 1.0
     m2t-text index floor.yaml
+    m2t-text index fleet/*.log --index indexes/fleet --shards 4
+    m2t-text index fleet/*.log --index /shared/fleet --shards 4 --cluster 10.0.0.5:6399
     """
-    from m2t_text.index.map_index import MapIndex
-    from m2t_text.sources.indexing import IndexRequest, index_sources
+    from m2t_text.sources.indexing import IndexRequest
     from m2t_text.util.compiled import Group
 
     parameters = parameters_of(profile or "default")
     compile_beside([*Group.of_search(parameters.matching.score), Group.SIEVING])
     compile_first([Group.DESCRIBING])
     with bars() as progress:
-        report = index_sources(IndexRequest(sources, index, profile, cores(jobs), reading), progress)
+        report = _indexed(
+            IndexRequest(sources, index, profile, cores(jobs), reading), shards, cluster, progress
+        )
     for dataset in report.indexed:
         for warning in dataset.warnings:
             note(f"warning: {dataset.name}: {warning}")
     if report.indexed:
-        held = MapIndex.open(index).info()
+        with opened(index) as written:
+            held = written.info()
         maps = {summary.name: summary for summary in held.datasets}
         rows = [
             [
@@ -156,3 +168,22 @@ def index(
         complain(line, 2)
     if report.failed:
         raise typer.Exit(2)
+
+
+def _indexed(
+    request: "IndexRequest", shards: int | None, cluster: str | None, progress: "SourceProgress"
+) -> "Report":
+    """What became of the sources, in an index with shards or without, here or on a cluster."""
+    from m2t_text.cluster.store import holds_shards
+    from m2t_text.sources.indexing import index_sources
+
+    if cluster is not None:
+        from m2t_text.cluster.indexing import index_on_cluster
+
+        address = local_address(request.index) if cluster == "local" else cluster
+        return index_on_cluster(request, shards, address, progress)
+    if shards is not None or holds_shards(request.index):
+        from m2t_text.cluster.indexing import index_sharded
+
+        return index_sharded(request, shards, progress)
+    return index_sources(request, progress)

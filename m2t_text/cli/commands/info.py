@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from m2t_text.cli.console import note, print_json, print_table
+from m2t_text.cli.opening import opened
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, JsonOption
 
 if TYPE_CHECKING:
@@ -23,18 +24,19 @@ def info(context: typer.Context, index: IndexOption = DEFAULT_INDEX, as_json: Js
     m2t-text info
     m2t-text info --index indexes/office --json
     """
-    from m2t_text.index.map_index import MapIndex
     from m2t_text.index.merging import indexes_in
 
     source = context.get_parameter_source("index")
     unnamed = source is not None and source.name == "DEFAULT"
     beside = indexes_in(index.parent) if unnamed else []
     if as_json:
-        document = MapIndex.open(index).info().to_json()
+        with opened(index) as held:
+            document = held.info().to_json()
         print_json(document | {"indexes": listing(beside)} if unnamed else document)
         return
     if index.exists() or not beside:
-        _print_info(MapIndex.open(index).info())
+        with opened(index) as held:
+            _print_info(held.info())
     if [one.path for one in beside] not in ([], [index]):
         _print_indexes(index.parent, beside)
 

@@ -1,5 +1,6 @@
 """The command `inspect`."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +9,7 @@ import typer
 from m2t_text.cli.compiling import compile_for
 from m2t_text.cli.completion import map_ids
 from m2t_text.cli.console import note, print_json
+from m2t_text.cli.opening import ClusterOption, opened
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
     TARGETS,
@@ -21,7 +23,9 @@ from m2t_text.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from m2t_text.index.map_index import MapIndex
+    from contextlib import AbstractContextManager
+
+    from m2t_text.index.searchable import Searchable
     from m2t_text.sources.opening import SourceOptions
 
 
@@ -32,6 +36,7 @@ def inspect(
     ],
     index: IndexOption = DEFAULT_INDEX,
     run: RunOption = None,
+    cluster: ClusterOption = None,
     as_json: JsonOption = False,
     plot: PlotOption = None,
     *,
@@ -52,10 +57,10 @@ def inspect(
     from m2t_text.recognition.queries import Context, resolve
 
     check_plot(plot)
-    opened = _if_any(index)
-    parameters = opened.parameters if opened else PROFILES["default"]
-    compile_for(target)
-    found = resolve(target, Context(parameters, opened, reading, run))
+    with _if_any(index, cluster) as held:
+        parameters = held.parameters if held else PROFILES["default"]
+        compile_for(target)
+        found = resolve(target, Context(parameters, held, reading, run))
     warn(found)
     if plot is not None:
         from m2t_text.plotting.pictures import plot_document
@@ -68,8 +73,7 @@ def inspect(
         print(found.text)
 
 
-def _if_any(index: Path) -> "MapIndex | None":
+def _if_any(index: Path, cluster: str | None) -> "AbstractContextManager[Searchable | None]":
     """The index; None if it is the default one and was not made yet."""
-    from m2t_text.index.map_index import MapIndex
-
-    return None if index == DEFAULT_INDEX and not index.exists() else MapIndex.open(index)
+    without = index == DEFAULT_INDEX and not index.exists() and cluster is None
+    return nullcontext() if without else opened(index, cluster)

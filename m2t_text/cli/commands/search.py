@@ -9,6 +9,7 @@ import typer
 from m2t_text.cli.compiling import compile_for
 from m2t_text.cli.completion import map_ids
 from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table
+from m2t_text.cli.opening import ClusterOption, PartialOption, opened, warn_of_missing
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
     TARGETS,
@@ -66,6 +67,8 @@ def search(
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
     run: RunOption = None,
+    cluster: ClusterOption = None,
+    partial: PartialOption = False,
     as_json: JsonOption = False,
     plot: PlotOption = None,
     *,
@@ -85,27 +88,28 @@ def search(
     m2t-text search new.log#200 --run 0                the single scan 200
     m2t-text inspect robot/000123 | m2t-text search -  a text
     m2t-text search room.pcd --height 0.2 1.0          a point cloud
+    m2t-text search robot/000123 --cluster 10.0.0.5:6399   among the maps of a cluster
     """
-    from m2t_text.index.map_index import MapIndex
     from m2t_text.recognition.answer import SearchOptions
     from m2t_text.recognition.answer import search as find
 
     check_plot(plot)
     options = SearchOptions(top, exclude_travel, not no_verify, run, sequence)
-    opened = MapIndex.open(index)
-    if where is not None:
-        opened.parse(where)  # what is wrong with it is said before anything takes time
-    compile_for(query, opened.parameters, not no_verify)
-    answer = find(query, opened, options, reading, where)
-    warn(answer.query)
-    if exclude_travel is not None:
-        _warn_of_no_dataset(answer)
-    if plot is not None:
-        _draw(answer, plot)
-    if as_json:
-        print_json(answer.to_json())
-    else:
-        _print_answer(answer)
+    with opened(index, cluster, partial) as held:
+        if where is not None:
+            held.parse(where)  # what is wrong with it is said before anything takes time
+        compile_for(query, held.parameters, not no_verify)
+        answer = find(query, held, options, reading, where)
+        warn(answer.query)
+        if exclude_travel is not None:
+            _warn_of_no_dataset(answer)
+        if plot is not None:
+            _draw(answer, plot)
+        if as_json:
+            print_json(answer.to_json())
+        else:
+            _print_answer(answer)
+        warn_of_missing(answer.index)
 
 
 def _warn_of_no_dataset(answer: "Answer") -> None:

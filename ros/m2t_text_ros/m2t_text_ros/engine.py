@@ -1,6 +1,7 @@
 """The node's own state, free of ROS: one lock, a session that takes messages, and a localizer that answers."""
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from m2t_text import PROFILES, Localizer, MapIndex, Place, Simulation, simulate
+from m2t_text.index.writing.folder import holds_index
+from m2t_text.live.looping import Left, LiveLoops
 from m2t_text.live.messages import Odometry, Swept
 from m2t_text.live.session import Session
 from m2t_text.mapping.local_map import LocalMap
@@ -31,9 +34,20 @@ class Located:
 class Engine:
     """Scans and odometry come in one thread, requests in another; neither waits for the other's work."""
 
-    def __init__(self, laser_pose: Floats, index: MapIndex | None) -> None:
+    def __init__(
+        self,
+        laser_pose: Floats,
+        index: MapIndex | None,
+        loops: bool = False,
+        append: bool = False,
+        keep_per_place: int | None = None,
+    ) -> None:
+        """``loops``, ``append`` and ``keep_per_place`` are those of `LiveLoops`."""
         self._lock = Lock()  # the only one: of the session
         self._laser_pose = laser_pose
+        self._left: deque[Left] = deque()  # from the thread of the scans to that of the requests
+        self._behind = loops or append
+        self._grown = (index if append else None, loops, keep_per_place)
         self._folder: TemporaryDirectory[str] | None = None
         self._drive = 0
         self.warnings = 0
@@ -43,12 +57,28 @@ class Engine:
     def _use(self, index: MapIndex | None) -> None:
         self.index = index
         self._localizer = None if index is None else Localizer(index)
+        parameters = PROFILES["default"] if index is None else index.parameters
+        grown, loops, keep = self._grown
+        localizer = None if grown is None else self._localizer
+        self._loops = LiveLoops(parameters, grown, loops, localizer, keep)
+        left = self._keep if self._behind else None
         with self._lock:
-            parameters = PROFILES["default"] if index is None else index.parameters
-            self._session = Session(parameters, poses=False, laser_pose=self._laser_pose)
+            self._session = Session(parameters, poses=False, laser_pose=self._laser_pose, left=left)
+
+    def _keep(self, left: Left) -> tuple[()]:
+        self._left.append(left)
+        return ()
+
+    def loops(self) -> Iterator[dict[str, Any]]:
+        """The loops that are known by now and were not before. One call at a time, not beside `locate`."""
+        while self._left:
+            yield from self._loops.take(self._left.popleft())
 
     def close(self) -> None:
-        """Removes what lies on disk."""
+        """Commits what waits, and removes what lies on disk for the drive alone."""
+        for _ in self.loops():
+            pass  # nobody hears of them any more, but their maps are kept
+        self._loops.end()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
@@ -62,6 +92,11 @@ class Engine:
         for answer in answers:
             self.warnings += 1
             self.last_warning = answer["text"]
+
+    @property
+    def maps(self) -> int:
+        """How many maps the robot is looked for in."""
+        return len(self.index) if self.index is not None and holds_index(self.index.path) else 0
 
     @property
     def travel(self) -> float:
@@ -115,7 +150,7 @@ class Engine:
             index = MapIndex.create(folder, PROFILES["default"])
             index.replace("warm", [describe(seen, "warm", PROFILES["default"])])
             Localizer(index).locate(seen)
-        if self.index is not None and len(self.index):
+        if self.index is not None and self.maps:
             Localizer(self.index).locate(self.index.document(self.index.ids[0]))
 
 

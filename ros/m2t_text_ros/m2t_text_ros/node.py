@@ -21,7 +21,7 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Empty, Trigger
 from visualization_msgs.msg import MarkerArray
 
-from m2t_text import M2TError, MapIndex
+from m2t_text import M2TError, MapIndex, open_index
 from m2t_text.live.messages import Odometry, Swept
 from m2t_text_ros import conversion, settings
 from m2t_text_ros.engine import Engine, Located
@@ -74,10 +74,11 @@ class LocalizerNode(LifecycleNode):
         """Reads the parameters, opens the index, and compiles, so that the first answer is as quick as any."""
         try:
             self._set = settings.read(self)
-            index = MapIndex.open(self._set.index) if self._set.index else None
-            if index is not None and not len(index):
+            index = self._index()
+            if index is not None and not self._set.append and not len(index):
                 raise M2TError(f"the index {self._set.index} is empty")
-            self._engine = Engine(np.array(self._set.laser_pose), index)
+            grown = (self._set.loops, self._set.append, self._set.keep_per_place or None)
+            self._engine = Engine(np.array(self._set.laser_pose), index, *grown)
             self._tf = None if self._set.odom_topic else Transforms(self)
             self._engine.warm_up()
         except M2TError as error:
@@ -85,13 +86,21 @@ class LocalizerNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         self._laser_frame, self._heard, self._asked, self._wanted = "", None, 0.0, False
         self._last: Located | None = None
+        self._count = 0  # loops so far
         self._stamp: Any = None
         self._pose = self.create_publisher(PoseWithCovarianceStamped, "~/pose", 10)
         self._verdict = self.create_publisher(String, "~/verdict", 10)
         self._initial = self.create_publisher(PoseWithCovarianceStamped, "initialpose", 10)
+        self._found = self.create_publisher(String, "~/loops", 100)
         self._markers = self.create_publisher(MarkerArray, "~/markers", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         return TransitionCallbackReturn.SUCCESS
+
+    def _index(self) -> MapIndex | None:
+        """The index that the parameters name; it may be new where it is to grow."""
+        if not self._set.index:
+            return None
+        return (open_index if self._set.append else MapIndex.open)(self._set.index)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         inputs, requests = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
@@ -106,7 +115,7 @@ class LocalizerNode(LifecycleNode):
             Empty, "reinitialize_global_localization", self._serve_anew, callback_group=requests
         )
         self._active += [(self.destroy_service, localize), (self.destroy_service, anew)]
-        for period, callback in ((LOOK, self._look), (1.0, self._diagnose)):
+        for period, callback in ((LOOK, self._look), (chosen.diagnostics_period, self._diagnose)):
             timer = self.create_timer(period, callback, callback_group=requests)
             self._active.append((self.destroy_timer, timer))
         return super().on_activate(state)
@@ -120,20 +129,26 @@ class LocalizerNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        for publisher in (self._pose, self._verdict, self._initial, self._markers, self._diagnostics):
+        publishers = (self._pose, self._verdict, self._initial, self._found, self._markers, self._diagnostics)
+        for publisher in publishers:
             self.destroy_publisher(publisher)
         self._let_go()
+        self.close()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._let_go()
-        if self._engine is not None:
-            self._engine.close()
+        self.close()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._let_go()
         return TransitionCallbackReturn.SUCCESS
+
+    def close(self) -> None:
+        """Commits what waits to be added to the index."""
+        if self._engine is not None:
+            self._engine.close()
 
     def _let_go(self) -> None:
         for destroy, made in self._active:
@@ -197,8 +212,11 @@ class LocalizerNode(LifecycleNode):
 
     @guarded
     def _look(self) -> None:
-        """Answers where it is time to."""
+        """Tells of loops, and answers where it is time to."""
         assert self._engine is not None
+        for loop in self._engine.loops():
+            self._found.publish(String(data=json.dumps(loop)))
+            self._count += 1
         every = self._set.every or (2.0 if self._wanted else 0.0)
         if not every or self._engine.travel < self._asked + every:
             return
@@ -258,9 +276,10 @@ class LocalizerNode(LifecycleNode):
         values = {
             "scans": self._engine.scans,
             "travel": f"{self._engine.travel:.1f} m",
-            "maps": 0 if self._engine.index is None else len(self._engine.index),
+            "maps": self._engine.maps,
             "verdict": None if place is None else place.verdict,
             "state": None if place is None else place.state,
+            "loops": self._count,
             "seconds": None if place is None else f"{place.seconds:.3f}",
             "left out": self._errors + self._engine.warnings,
             "last left out": self._last_error or self._engine.last_warning,
@@ -280,6 +299,7 @@ def main() -> None:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        node.close()
         node.destroy_node()
         rclpy.try_shutdown()
 

@@ -1,7 +1,7 @@
 """Many shards searched as one index: the same ids, order, scores and verdicts as if all lay in one."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from m2t_text.errors import DamageError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.schema import schema
+from m2t_text.util.types import Floats
 
 if TYPE_CHECKING:
     from m2t_text.index.search.weighting import MapWeighting, Method
@@ -31,8 +32,8 @@ REMEMBERED = 256  # documents whose texts came along with hits
 class ClusterIndex:
     """The maps of all shards, as `find` and the command line use a `MapIndex`.
 
-    A search takes two steps: each shard scores the maps that promise most, and what the best of all shards
-    reach is the floor below which none has to look. A search is exact, or it raises: an answer without some of
+    A search takes steps: each shard scores the maps that promise most, and what the best of all shards reach
+    is the floor below which none has to look. A search is exact, or it raises: an answer without some of
     the shards is given only where ``partial`` allows it, and `missing` says which.
 
     Examples:
@@ -122,13 +123,8 @@ class ClusterIndex:
         query = self.parse(filter) if isinstance(filter, str) else filter
         manifest, key = self.manifest, token_hex(16)
         search = Search(key, text, top, exclude, method, query, texts, least, wanted)
-        every = range(len(manifest.shards))
-        floor = 0.0
-        if top:
-            begun = self._ask(manifest, "begin", every, search)
-            scores = np.sort(np.concatenate([np.zeros(top), *begun.values()]))
-            floor = float(scores[-top])
-        found = self._ask(manifest, "finish", every, search, floor)
+        floor = self._floor(manifest, search) if top else 0.0
+        found = self._ask(manifest, "finish", range(len(manifest.shards)), search, floor)
         for number, hits in found.items():
             _check(manifest, number, hits)
         ranked = sorted(
@@ -137,6 +133,16 @@ class ClusterIndex:
         if texts and self._pinned is not None:
             self._remember(hit.document for hit in ranked)
         return ranked
+
+    def _floor(self, manifest: Manifest, search: Search) -> float:
+        """A score that the best maps of all shards reach together."""
+        begun = self._ask(manifest, "begin", range(len(manifest.shards)), search)
+        known = {number: scores for number, (scores, _) in begun.items()}
+        floor = _reached(known, search.top)
+        sampled = [number for number, (_, sampled) in begun.items() if sampled]
+        if sampled:
+            known |= self._ask(manifest, "narrow", sampled, search, floor)
+        return max(floor, _reached(known, search.top))
 
     def find_document(self, map_id: str) -> Document | None:
         """The map of this id with its text; None if there is none."""
@@ -217,6 +223,12 @@ class ClusterIndex:
             self._texts[document.map_id] = document
         while len(self._texts) > REMEMBERED:
             self._texts.popitem(last=False)
+
+
+def _reached(known: Mapping[int, Floats], top: int) -> float:
+    """The score that the ``top`` best of all shards reach, 0 while there are fewer."""
+    scores = np.sort(np.concatenate([np.zeros(top), *known.values()]))
+    return float(scores[-top])
 
 
 def _check(manifest: Manifest, number: int, hits: list[Hit]) -> None:

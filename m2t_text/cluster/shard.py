@@ -54,17 +54,23 @@ class ShardServer:
         self._indexes: dict[str, MapIndex] = {}
         self._begun: OrderedDict[tuple[str, int], Ranking] = OrderedDict()
 
-    def begin(self, generation: int, number: int, search: Search) -> NDArray[np.float64]:
-        """The first step: (K,) the best scores that are known after it, ``top`` at most."""
+    def begin(self, generation: int, number: int, search: Search) -> tuple[NDArray[np.float64], bool]:
+        """The first step: (K,) the best scores that are known after it, ``top`` at most; and whether they are
+        those of a sample, so that `narrow` knows better."""
         ranking = self._ranking(generation, number, search)
         self._begun[search.key, number] = ranking
         while len(self._begun) > BEGUN:
             self._begun.popitem(last=False)[1].close()
         return ranking.begin()
 
+    def narrow(self, generation: int, number: int, search: Search, floor: float) -> NDArray[np.float64]:
+        """A step between: the best scores of all maps that may reach the floor."""
+        if (search.key, number) not in self._begun:
+            self.begin(generation, number, search)
+        return self._begun[search.key, number].narrow(floor)
+
     def finish(self, generation: int, number: int, search: Search, floor: float) -> list[Hit]:
-        """The second step: the best hits, none below the floor. It takes the first one, too, if another server
-        took that."""
+        """The last step: the best hits, none below the floor. Steps that another server took, it takes anew."""
         ranking = self._begun.pop((search.key, number), None) or self._ranking(generation, number, search)
         with ranking:
             return self.opened(generation, number).hits(ranking, search.top, search.texts, floor)

@@ -102,7 +102,7 @@ Wanted = Callable[[list[Address], "Scores"], NDArray[np.bool_]]  # which of some
 
 
 class Ranking:
-    """A search of one state in two steps, between which several states can agree on what is good enough.
+    """A search of one state in steps, between which several states can agree on what is good enough.
 
     To be used in a ``with`` block, or closed.
     """
@@ -140,9 +140,17 @@ class Ranking:
             self._top, self._least, lambda found, scores: wanted(self._addresses(found), scores)
         )
 
-    def begin(self) -> NDArray[np.float64]:
-        """(K,) the best scores among the maps that promise most, in any order; as many as wanted at most."""
-        return self._promising.best if self._top else np.zeros(0)
+    def begin(self) -> tuple[NDArray[np.float64], bool]:
+        """(K,) the best scores among the maps that promise most, in any order, as many as wanted at most; and
+        whether they are those of a sample, so that `narrow` knows better."""
+        if not self._top:
+            return np.zeros(0), False
+        return self._promising.best, self._promising.every is None
+
+    def narrow(self, floor: float) -> NDArray[np.float64]:
+        """(K,) the same of all maps that may reach the ``floor``."""
+        self._promising = self._top_k.narrowed(self._promising, floor)
+        return self._promising.best
 
     def best(self, floor: float = 0.0) -> "tuple[list[Address], Scores]":
         """The best maps with a match, and those that tie with the last; none below the ``floor``.

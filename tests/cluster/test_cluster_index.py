@@ -21,6 +21,7 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import ClusterError, DamageError, MapIndexError, QueryError
 from m2t_text.index.map_index import MapIndex
+from m2t_text.index.search import collection, top_k
 from m2t_text.recognition.answer import SearchOptions
 from m2t_text.recognition.answer import search as find_target
 from m2t_text.recognition.finding import find
@@ -81,6 +82,28 @@ def test_every_search_is_that_of_one_index(both, seed, top, filter, bag):
     arguments = {"top": top, "exclude": exclude, "filter": filter, "texts": seed % 3 == 0}
     arguments["method"] = "bow" if bag else "m2t"
     assert shown(many.search(text, **arguments)) == shown(one.search(text, **arguments))
+
+
+@pytest.mark.parametrize("loose", [0.0, 1.0])  # never sieved, and always
+def test_so_it_is_where_shards_are_sampled_and_sieved_first(both, monkeypatch, loose):
+    for name, value in {"SIEVED": 2, "SAMPLE": 40, "EIGHTH": 2, "FEW": 10, "LOOSE": loose}.items():
+        monkeypatch.setattr(top_k, name, value)
+    monkeypatch.setattr(collection, "ALONE", 0)
+    one, many = both
+    steps: set[str] = set()
+    original = InProcess.ask
+
+    def ask(self, method, *arguments, **options):
+        steps.add(method)
+        return original(self, method, *arguments, **options)
+
+    monkeypatch.setattr(InProcess, "ask", ask)
+    for seed in range(25):
+        text = random_text(np.random.default_rng(seed), 5 + 2 * seed)
+        for top in (1, 4, 30):
+            assert shown(many.search(text, top)) == shown(one.search(text, top))
+    sampled = one.parameters.matching.score == "agreement"
+    assert steps == ({"begin", "narrow", "finish"} if sampled else {"begin", "finish"})
 
 
 def test_maps_that_tie_are_in_the_order_of_their_ids_across_shards(both):
@@ -152,7 +175,7 @@ def test_the_texts_that_came_along_are_not_asked_for_again(driven, monkeypatch):
 
     monkeypatch.setattr(InProcess, "ask", ask)
     find(many.pinned(), query)
-    assert set(asked) == {"begin", "finish"}
+    assert set(asked) <= {"begin", "narrow", "finish"}
 
 
 def test_a_search_keeps_the_generation_that_it_began_with(tmp_path):

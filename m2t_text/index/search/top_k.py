@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -54,25 +54,25 @@ class Scorer(Protocol):
 
 @dataclass(frozen=True)
 class Promising:
-    """What a search knows once it has scored the most promising documents.
+    """What a search knows once it has scored the most promising documents, of all or of a sample.
 
     Attributes:
-        every: (M,) the places of documents that may be among the best.
-        estimate: (M,) guesses of their scores.
-        likely: which of them were scored, as places in ``every``.
-        scores: of those.
         top: how many documents are looked for.
-        floor: a score that the best ``top`` reach.
+        floor: a score that those reach.
         wanted: which documents count; all if None.
+        scores: of the documents that were scored.
+        every: (M,) the places of documents that may be among the best; None if a sample was looked at.
+        estimate: (M,) guesses of their scores.
+        likely: which of them were scored.
     """
 
-    every: NDArray[np.int64]
-    estimate: Floats
-    likely: NDArray[np.int64]
-    scores: Scores
     top: int
     floor: float
     wanted: Wanted | None
+    scores: Scores
+    every: NDArray[np.int64] | None
+    estimate: Floats
+    likely: NDArray[np.int64]
 
     @property
     def best(self) -> Floats:
@@ -122,22 +122,39 @@ class TopK:
         return self.rest(self.promising(top, least, wanted))
 
     def promising(self, top: int, least: float = 0.0, wanted: Wanted | None = None) -> Promising:
-        """The first half of `best`: scores the documents that promise most."""
-        every, floor = self._sieved(top, least, wanted)
-        estimate = _joined(self._each(self._scorer.estimate, every))
-        likely = _largest(estimate, 2 * top)
-        scores = self._counted(every[likely], floor, wanted)
-        return Promising(every, estimate, likely, scores, top, floor, wanted)
+        """The first step of `best`: scores the documents that promise most, of all or, if they are many, of a
+        sample. What its best reach, others have to reach as well."""
+        places = np.arange(len(self._documents))
+        sampled = len(places) >= SIEVED and self._scorer.sieves
+        if sampled:
+            places = places[:: self._step]
+        found = self._scored(places, top, least, wanted)
+        return replace(found, every=None) if sampled else found
 
-    def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
-        """The second half of `best`: looks at the other documents.
+    def narrowed(self, promising: Promising, floor: float = 0.0) -> Promising:
+        """The second step: after a sample, scores those that promise most of all that may reach the floor.
 
         Args:
-            promising: what the first half found.
+            promising: what the first step found.
+            floor: a score that the ``top`` best of more documents than these reach.
+        """
+        if promising.every is not None:
+            return promising
+        least = max(floor, promising.floor, _last(promising.scores, promising.top))
+        return self._scored(self._sieved(least), promising.top, least, promising.wanted)
+
+    def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
+        """The last step of `best`: looks at the other documents.
+
+        Args:
+            promising: what the steps before found.
             floor: a score that the ``top`` best of more documents than these reach; lower ones are left out.
         """
-        every, estimate, likely, top = promising.every, promising.estimate, promising.likely, promising.top
-        done, scores, floor = every[likely], promising.scores, max(floor, promising.floor)
+        found = self.narrowed(promising, floor)
+        assert found.every is not None
+        top, wanted, scores, every = found.top, found.wanted, found.scores, found.every
+        estimate, likely, floor = found.estimate, found.likely, max(floor, found.floor)
+        done = every[likely]
         last = max(floor, _last(scores, top))
         bounds = estimate.copy()
         if not self._scorer.estimates_are_bounds:
@@ -153,29 +170,33 @@ class TopK:
             size *= GROWTH
             tight = _joined(self._each(self._scorer.fine_bound, np.sort(batch), last))
             close = np.sort(batch)[tight >= last]
-            scores = Scores.joined([scores, self._counted(close, last, promising.wanted)])
+            scores = Scores.joined([scores, self._counted(close, last, wanted)])
             done = np.append(done, close)
             last = max(floor, _last(scores, top))
             rest, bounds = rest[bounds >= last], bounds[bounds >= last]
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
         return done[kept], scores[kept]
 
-    def _sieved(self, top: int, least: float, wanted: Wanted | None) -> tuple[NDArray[np.int64], float]:
-        """The places of documents that may be among the ``top`` best, and a score that those reach.
+    @property
+    def _step(self) -> int:
+        """From one document of the sample to the next."""
+        return max(EIGHTH, -(-len(self._documents) // SAMPLE))
 
-        What the best of a sample reach, others have to reach as well. Where the sieve would let most of them
-        through, all are left in.
-        """
+    def _sieved(self, floor: float) -> NDArray[np.int64]:
+        """The places of documents whose scores may reach the floor; all where that would be most of them."""
         every = np.arange(len(self._documents))
-        if len(every) < SIEVED or not self._scorer.sieves:
-            return every, least
-        sample = every[:: max(EIGHTH, -(-len(every) // SAMPLE))]
-        estimate = _joined(self._each(self._scorer.estimate, sample))
-        floor = max(least, _last(self._counted(sample[_largest(estimate, 2 * top)], least, wanted), top))
+        sample = every[:: self._step]
         few = sample[:: -(-len(sample) // FEW)]
         if np.concatenate(self._each(self._scorer.may_reach, few, floor)).mean() > LOOSE:
-            return every, floor
-        return every[np.concatenate(self._each(self._scorer.may_reach, every, floor))], floor
+            return every
+        return every[np.concatenate(self._each(self._scorer.may_reach, every, floor))]
+
+    def _scored(self, places: NDArray[np.int64], top: int, least: float, wanted: Wanted | None) -> Promising:
+        """What is known of places once those that promise most are scored."""
+        estimate = _joined(self._each(self._scorer.estimate, places))
+        likely = _largest(estimate, 2 * top)
+        scores = self._counted(places[likely], least, wanted)
+        return Promising(top, least, wanted, scores, places, estimate, likely)
 
     def _counted(self, places: NDArray[np.int64], threshold: float, wanted: Wanted | None) -> Scores:
         """The scores at places, 0 of those that are not wanted; those below the threshold do not matter."""

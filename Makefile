@@ -3,10 +3,11 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test web-test cluster-test ros-test web-bench live-bench stress fuzz bench loops slam-bench calibrate lint docs docs-check notebooks clean
+.PHONY: help demo test web-test cluster-test ros-test web-bench live-bench patrol-bench pf-bench stress fuzz bench \
+  loops slam-bench calibrate lint docs docs-check notebooks clean
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.installed  ## see it work: simulate, index, search, draw
 	$(BIN)/m2t-text demo
@@ -71,8 +72,19 @@ $(VENV)-ros/.installed: pyproject.toml
 		|| echo 'the wheels of rclpy cannot be installed here'
 	@touch $@
 
+# LIVE_PARTS=followed,carried,latency,idle,memory picks parts, LOGS="a.log b.log" logs with corrected poses.
 live-bench: $(VENV)/.installed  ## live answers: how right, how soon, how much memory
-	$(BIN)/python tests/benchmarks/live_bench.py
+	$(BIN)/python tests/benchmarks/live_bench.py $(LOGS)
+
+# PATROL_LAPS=20 laps, PATROL_KEEP=1,2,4 maps of a place.
+patrol-bench: $(VENV)/.installed  ## an index that grows for days: what is kept, and what is found in it
+	$(BIN)/python tests/benchmarks/patrol.py
+
+# PF_STARTS=100 starts in each log; Debian's package mrpt-apps is installed where it can be.
+pf-bench: $(VENV)/.installed  ## beside a particle filter: MRPT's pf-localization
+	@command -v pf-localization > /dev/null || (apt-get update && apt-get install -y --no-install-recommends mrpt-apps) \
+	  > /dev/null 2>&1 || echo "mrpt-apps is not there and cannot be installed here"
+	$(BIN)/python tests/benchmarks/particle_filter.py $(LOGS)
 
 lint: $(VENV)/.installed-lint  ## ruff, mypy and the layers of the package
 	$(BIN)/ruff check .

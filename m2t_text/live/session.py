@@ -20,6 +20,7 @@ from m2t_text.mapping.local_map import LocalMap
 
 Answer = dict[str, Any]  # one JSON object a line
 WAITING = 1000  # scans that wait for odometry, at most
+LATEST = 0.2  # m of travel; what was seen last must fit an answer
 SHORTEST = 2.0  # m of travel that are looked up where a drive has just begun
 
 
@@ -178,7 +179,7 @@ class Session:
                 yield _warning(f"the drive has just begun: it takes {SHORTEST:g} m to know where the robot is")
             return
         self._asked = self.survey.travel
-        place = self.localizer.locate(seen, self.survey.pose)
+        place = self.localizer.locate(seen, self.survey.pose, self.shorter_runs(seen), self.latest())
         yield {
             "type": "place",
             "scan": self.survey.scans - 1,
@@ -196,6 +197,18 @@ class Session:
             if self.survey.driven >= least:
                 seen = self.survey.last_run(self.survey.driven)
         return seen
+
+    def shorter_runs(self, seen: LocalMap) -> Iterator[LocalMap]:
+        """What the robot saw on the last half of a run, unless that is too little; made when asked for."""
+        half = float(seen.travel[1] - seen.travel[0]) / 2
+        if half >= SHORTEST:
+            run = self.survey.last_run(half)
+            if run is not None:
+                yield run
+
+    def latest(self) -> LocalMap | None:
+        """What the robot saw on its last scans."""
+        return self.survey.last_run(LATEST)
 
 
 def _warning(text: str) -> Answer:

@@ -51,7 +51,7 @@ class GrowingDataset:
         if self._keep is not None and not self._is_kept(document, self._keep):
             return
         self._waiting.append(document)
-        if len(self._waiting) == TOGETHER:
+        if len(self._waiting) >= TOGETHER:
             self.commit()
 
     def commit_up_to(self, travel: float) -> None:
@@ -60,11 +60,10 @@ class GrowingDataset:
             self.commit()
 
     def commit(self) -> None:
-        """Commits all that wait."""
-        waiting, self._waiting = self._waiting, []
-        replaced, self._replaced = self._replaced, {}
-        if waiting:
-            self.index.append(self.name, waiting, replaced.values())
+        """Commits all that wait. Raises MapIndexError if the disk refuses; they wait on then."""
+        if self._waiting:
+            self.index.append(self.name, self._waiting, self._replaced.values())
+        self._waiting, self._replaced = [], {}
 
     def _is_kept(self, document: Document, most: int) -> bool:
         """Whether a map is kept; where its place has ``most`` already, one of them is to go for it."""

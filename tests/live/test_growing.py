@@ -8,6 +8,7 @@ import pytest
 
 from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
+from m2t_text.errors import MapIndexError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.live.survey import LiveSurvey
 from m2t_text.logs.simulation.simulator import Simulation, simulate
@@ -99,6 +100,23 @@ def test_what_looks_otherwise_takes_the_place_of_the_most_alike(
     first, second = (sum(one.startswith(name) for one in index.ids) for name in ("day-0", "day-1"))
     assert first + second == counts[1] <= 1.5 * counts[0]
     assert first < 0.8 * counts[0] and second > 0.5 * len(maps[1])
+
+
+def test_what_cannot_be_written_waits(days: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (first, _), _, _ = days
+    index = MapIndex.create(tmp_path / "full", DEFAULT)
+    past = GrowingDataset(index, first[0].dataset)
+    past.add(first[0])
+
+    def refuses(*arguments: object) -> None:
+        raise MapIndexError("no space left")
+
+    with monkeypatch.context() as full:
+        full.setattr(index, "append", refuses)
+        with pytest.raises(MapIndexError):
+            past.commit()
+    past.commit()
+    assert index.ids == [first[0].map_id]
 
 
 def test_places_of_which_nothing_is_seen(days: list, tmp_path: Path) -> None:

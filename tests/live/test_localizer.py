@@ -9,14 +9,17 @@ import pytest
 from calling import Call
 
 from m2t_text.index.map_index import MapIndex, open_index
-from m2t_text.live.localizer import DRIFT, SAME, Localizer, _agree, _Answer, _Candidate
+from m2t_text.live.evidence import DRIFT, SAME, Answer, Candidate, agree, independent, joint_lead
+from m2t_text.live.localizer import Localizer
+from m2t_text.live.messages import Swept
 from m2t_text.live.place import Place
+from m2t_text.live.session import Session
 from m2t_text.live.survey import LiveSurvey
 from m2t_text.logs.log import Log
 from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.recognition.verdict import Assessment, Reason
 from m2t_text.sources.opening import LogSource
-from m2t_text.util.geometry import between, compose, inverse, wrap
+from m2t_text.util.geometry import between, compose, inverse, travel, wrap
 
 UNSURE = Assessment("ambiguous", 0.5, Reason("elsewhere", "another place fits about as well"))
 
@@ -83,40 +86,40 @@ def test_nothing_to_see(index: MapIndex) -> None:
     assert (place.verdict, place.pose, place.dataset) == ("none", None, None)
 
 
-def answer(travel: float, *candidates: tuple[float, float, float]) -> _Answer:
+def answer(travel: float, *candidates: tuple[float, float, float]) -> Answer:
     """Of a robot that drives along x; each candidate is x, y, and its evidence, all of which look along x."""
-    made = [_Candidate("a", np.array([x, y, 0.0]), evidence) for x, y, evidence in candidates]
-    return _Answer(made, np.array([travel, 0.0, 0.0]), np.array([travel - 5.0, travel]), UNSURE)
+    made = [Candidate("a", np.array([x, y, 0.0]), evidence) for x, y, evidence in candidates]
+    ends = np.array([travel - 5.0, travel])
+    return Answer(made[0], lambda: made[1:], np.array([travel, 0.0, 0.0]), ends, UNSURE)
 
 
-def test_the_evidence_of_two_answers_is_added(index: MapIndex) -> None:
-    localizer = Localizer(index)
+def test_the_evidence_of_two_answers_is_added() -> None:
     one = answer(5.0, (5.0, 0.0, 30.0), (90.0, 0.0, 29.5), (40.0, 9.0, 20.0))
     # 6 m on, the first best fits again, 0.2 m beside; its rival is gone, another has come:
     two = answer(11.0, (11.0, 0.2, 31.0), (70.0, 0.0, 30.0), (11.1, 0.0, 29.0))
-    assert localizer._lead(two, one) == pytest.approx((30.0 + 31.0) - (29.5 + 29.0))
+    assert joint_lead(two, one) == pytest.approx((30.0 + 31.0) - (29.5 + 29.0))
     # In a building that looks the same twice both have both:
     alike = answer(11.0, (11.0, 0.0, 31.0), (96.0, 0.0, 30.8))
-    assert localizer._lead(alike, one) == pytest.approx((30.0 + 31.0) - (29.5 + 30.8))
+    assert joint_lead(alike, one) == pytest.approx((30.0 + 31.0) - (29.5 + 30.8))
     # They do not agree:
-    assert localizer._lead(answer(11.0, (14.0, 0.0, 31.0), (96.0, 0.0, 30.8)), one) is None
+    assert joint_lead(answer(11.0, (14.0, 0.0, 31.0), (96.0, 0.0, 30.8)), one) is None
 
 
-def test_only_answers_of_other_scans_count(index: MapIndex) -> None:
-    localizer, one = Localizer(index), answer(5.0, (5.0, 0.0, 30.0))
-    assert not localizer._independent(answer(9.0, (9.0, 0.0, 30.0)), one)
-    assert localizer._independent(answer(10.0, (10.0, 0.0, 30.0)), one)
-    assert not localizer._independent(answer(40.0, (40.0, 0.0, 30.0)), one)
+def test_only_answers_of_other_scans_count() -> None:
+    one = answer(5.0, (5.0, 0.0, 30.0))
+    assert not independent(answer(9.0, (9.0, 0.0, 30.0)), one)
+    assert independent(answer(10.0, (10.0, 0.0, 30.0)), one)
+    assert not independent(answer(40.0, (40.0, 0.0, 30.0)), one)
 
 
-def test_what_agrees() -> None:
-    here = _Candidate("a", np.array([1.0, 2.0, np.pi - 0.01]), 1.0)
+def test_whatagrees() -> None:
+    here = Candidate("a", np.array([1.0, 2.0, np.pi - 0.01]), 1.0)
     near = replace(here, pose=np.array([1.0 + 0.9 * SAME[0], 2.0, -np.pi + 0.01]))
-    assert _agree(here, near, 0.0)
-    assert not _agree(here, replace(near, dataset="b"), 0.0)
-    assert not _agree(here, replace(here, pose=here.pose + np.array([0.0, 0.0, 0.3])), 0.0)
+    assert agree(here, near, 0.0)
+    assert not agree(here, replace(near, dataset="b"), 0.0)
+    assert not agree(here, replace(here, pose=here.pose + np.array([0.0, 0.0, 0.3])), 0.0)
     away = replace(here, pose=here.pose + np.array([SAME[0] + 0.1, 0.0, 0.0]))
-    assert not _agree(here, away, 0.0) and _agree(here, away, 0.2 / DRIFT)
+    assert not agree(here, away, 0.0) and agree(here, away, 0.2 / DRIFT)
 
 
 def test_a_robot_that_is_carried_away_is_found_with_the_second_match(index: MapIndex) -> None:
@@ -132,6 +135,49 @@ def test_a_robot_that_is_carried_away_is_found_with_the_second_match(index: MapI
     again = localizer.locate(replace(far, travel=first.travel + 1.2, pose=first.pose))
     assert (again.verdict, again.state) == ("match", "tracked")
     assert again.pose is not None and np.allclose(again.pose, far.pose, atol=0.2)
+
+
+@pytest.mark.parametrize(("before", "after"), [(8.0, 25.0), (30.0, 6.0)])
+def test_a_robot_that_is_carried_away_while_it_drives(
+    drives: tuple[Log, Log], index: MapIndex, before: float, after: float
+) -> None:
+    """Its drive is cut and glued elsewhere, and odometry does not tell: found within 6 m, and never wrong."""
+    log = drives[1]
+    way = travel(log.odometry)
+    first, then = (np.flatnonzero((way >= at) & (way < at + 9.0)).tolist() for at in (before, after))
+    frame = compose(log.scans[first[-1]].odometry, inverse(log.scans[then[0]].odometry))
+    session = Session(index.parameters, Localizer(index), 1.0, poses=False, laser_pose=log.laser_pose)
+    carried, found = 0.0, []
+    for k in (*first, *then):
+        scan = log.scans[k]
+        if k in then:
+            scan = replace(scan, odometry=compose(frame, scan.odometry))
+        for place in session.take(Swept(scan, True)):
+            if place["verdict"] == "match":
+                error = compose(inverse(true_pose(drives, k)), np.array(place["pose"]))
+                assert np.hypot(*error[:2]) < 0.5 and abs(wrap(error[2])) < np.radians(10)
+                found.append((k in then, session.survey.travel - carried))
+        carried = session.survey.travel if k == first[-1] else carried
+    assert any(not there for there, _ in found)
+    assert min(metres for there, metres in found if there) < 6.0
+
+
+def test_what_was_seen_last_must_fit(index: MapIndex, drives: tuple[Log, Log]) -> None:
+    survey = LiveSurvey(index.parameters, drives[0].laser_pose)
+    for scan in drives[0].scans[:60]:
+        survey.add(scan)
+    seen, latest = survey.last_run(), survey.last_run(0.2)
+    assert seen is not None and latest is not None
+    place = Localizer(index).locate(seen, survey.pose, latest=latest)
+    assert place.verdict == "match"
+    elsewhere = replace(latest, pose=compose(latest.pose, [1.5, 1.0, 1.0]))
+    place = Localizer(index).locate(seen, survey.pose, latest=elsewhere)
+    assert (place.verdict, place.reason.code) == ("none", "conflict") and "saw last" in place.reason.text
+    half = survey.last_run(2.5)
+    assert half is not None
+    nothing = replace(seen, points=seen.points[:0])
+    assert Localizer(index).locate(nothing, survey.pose).verdict == "none"
+    assert Localizer(index).locate(nothing, survey.pose, [half], latest).verdict == "match"
 
 
 def test_in_a_pipe(call: Call, drives: tuple[Log, Log], index: MapIndex, tmp_path: Path) -> None:

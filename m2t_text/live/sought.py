@@ -1,0 +1,79 @@
+"""A run of a drive that was looked up: where the robot may be, how sure that is, and what contradicts it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from m2t_text.description.document import Document
+from m2t_text.index.map_index import MapIndex
+from m2t_text.live.evidence import Candidate
+from m2t_text.recognition.covariance import carried, fit_covariance
+from m2t_text.recognition.fit import Fit
+from m2t_text.recognition.found import Found
+from m2t_text.recognition.raster import Raster, Shape
+from m2t_text.recognition.symmetry import other_poses
+from m2t_text.recognition.verdict import Assessment
+from m2t_text.recognition.verification import Alignment, relative_pose
+from m2t_text.util.geometry import between, compose
+from m2t_text.util.types import Floats
+
+LEAST_SEEN = 40  # keypoints, of both maps, from which the last scans can contradict an answer,
+FITS, CONFLICTS = 0.5, 5.0  # which they do below this share of inliers, less so many times that of conflicts
+
+
+@dataclass(frozen=True)
+class Sought:
+    """A run that was looked up: the robot's pose (3,) at its end, and what was found, the best first."""
+
+    document: Document
+    robot: Floats
+    results: Sequence[Found]
+    assessment: Assessment
+
+    @property
+    def best(self) -> Found | None:
+        """None where nothing was verified."""
+        return self.results[0] if self.results and self.results[0].alignment is not None else None
+
+    @property
+    def motion(self) -> Floats:
+        """(3,) from the begin of the run to the robot."""
+        return between(self.document.pose, self.robot)
+
+
+def candidates(
+    index: MapIndex, document: Document, results: Sequence[Found], motion: Floats
+) -> Iterator[Candidate]:
+    """Where the robot may be, the best first; ``motion`` (3,) leads there from the begin of its run."""
+
+    def placed(hit: Document, alignment: Alignment) -> Candidate:
+        pose = compose(hit.pose, compose(relative_pose(document, hit, alignment.pose), motion))
+        return Candidate(hit.dataset, pose, alignment.fit.evidence)
+
+    for found in results:
+        yield from (placed(found.hit.document, one) for one in found.alignments)
+    best, cell = results[0], index.parameters.mapping.cell
+    rasters = Raster.of(document.text, cell), Raster.of(index.document(best.hit.map_id).text, cell)
+    assert best.alignment is not None
+    yield from (placed(best.hit.document, one) for one in other_poses(*rasters, best.alignment.pose))
+
+
+def may_fit(index: MapIndex, sought: Sought, newest: Document) -> bool:
+    """Whether what the robot saw last may fit where its whole run was found; too little of it may."""
+    best = sought.best
+    if best is None or best.alignment is None:
+        return True
+    there, cell = index.document(best.hit.map_id), index.parameters.mapping.cell
+    begin = compose(there.pose, relative_pose(sought.document, there, best.alignment.pose))
+    seen_from = compose(begin, between(sought.document.pose, compose(newest.pose, newest.viewpoint)))
+    pose = between(compose(there.pose, there.viewpoint), seen_from)
+    fit = Fit.of(Raster.of(newest.text, cell), pose, Raster.of(there.text, cell))
+    return fit.seen < LEAST_SEEN or fit.seen_inliers - CONFLICTS * fit.seen_conflicts >= FITS
+
+
+def covariance_of(index: MapIndex, document: Document, best: Found, motion: Floats) -> Floats:
+    """(3, 3) covariance of the robot's pose in the axes of the dataset's frame."""
+    assert best.alignment is not None
+    cell, there = index.parameters.mapping.cell, index.document(best.hit.map_id)
+    loose = fit_covariance(Shape.of(document.text, cell), Shape.of(there.text, cell), best.alignment.pose)
+    viewpoint = compose(compose(there.pose, there.viewpoint), best.alignment.pose)
+    return carried(loose, viewpoint, between(document.viewpoint, motion))

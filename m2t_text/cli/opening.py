@@ -36,7 +36,7 @@ def opened(index: Path, cluster: str | None = None, partial: bool = False) -> "I
         with cluster_index(local_address(index) if cluster == "local" else cluster, partial) as served:
             yield served
             return
-    from m2t_text.cluster.store import holds_shards
+    from m2t_text.cluster.remote import holds_shards
 
     if holds_shards(index):
         from m2t_text.cluster.cluster_index import ClusterIndex

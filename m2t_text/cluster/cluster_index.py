@@ -12,8 +12,8 @@ from whoosh.query import Query
 
 from m2t_text.cluster.carrier import Carrier, InProcess
 from m2t_text.cluster.manifest import Manifest
+from m2t_text.cluster.remote import open_store
 from m2t_text.cluster.shard import Search
-from m2t_text.cluster.store import Store
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
@@ -60,8 +60,8 @@ class ClusterIndex:
 
     @classmethod
     def open(cls, folder: str | Path) -> "ClusterIndex":
-        """The shards in a folder, opened in this process. Raises MapIndexError if there are none."""
-        store = Store(folder)
+        """The shards in a folder or at a URL, opened in this process; a ClusterError if there are none."""
+        store = open_store(folder)
         store.manifest()
         return cls(InProcess(store), store.path)
 
@@ -186,7 +186,7 @@ class ClusterIndex:
         manifest = self.manifest
         shards = manifest.shards
         return IndexInfo(
-            Path(self.path),
+            self.path,
             manifest.parameters,
             manifest.maps,
             sum(shard.keypoints for shard in shards),

@@ -6,6 +6,7 @@ from typing import Any
 from m2t_text.cluster.connection import connected
 from m2t_text.cluster.manifest import Manifest, Shard
 from m2t_text.cluster.parts import Job, Part, build_shard, describe_part, remove_parts
+from m2t_text.cluster.remote import open_store
 from m2t_text.cluster.store import Store
 from m2t_text.cluster.writing import Target, at_least, following, place
 from m2t_text.errors import ClusterError
@@ -19,7 +20,7 @@ AT_ONCE = 4  # tasks that wait for each core
 
 def index_sharded(request: IndexRequest, shards: int | None, progress: SourceProgress | None = None) -> Report:
     """As `index_sources` does, into a sharded index of so many ``shards``; None for as many as before."""
-    return index_sources(request, progress, Target(Store(request.index), shards))
+    return index_sources(request, progress, Target(open_store(request.index), shards))
 
 
 def index_on_cluster(
@@ -34,6 +35,11 @@ def index_on_cluster(
         M2TError: if the request cannot be met; the index is as it was then.
     """
     tell = progress or (lambda what, stage, done, of: None)
+    if isinstance(open_store(request.index).path, str):
+        raise ClusterError(
+            f"the hosts of a cluster write to a folder that all see, not to {request.index}; index there, or "
+            "on one host without --cluster"
+        )
     store = Store(request.index.absolute())
     target = Target(store, shards)
     names = dataset_names(request.sources, "indexed", request.options.name)

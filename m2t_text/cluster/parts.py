@@ -15,7 +15,7 @@ from secrets import token_hex
 from time import perf_counter
 
 from m2t_text.cluster.manifest import Manifest, Shard
-from m2t_text.cluster.store import PARTS, Store, described
+from m2t_text.cluster.store import PARTS, Store
 from m2t_text.cluster.writing import staged
 from m2t_text.config import Parameters
 from m2t_text.errors import ClusterError, SourceError
@@ -125,19 +125,20 @@ def _kept(folder: Path) -> Part | None:
 def build_shard(root: str, number: int, before: Manifest, parts: Sequence[Part]) -> Shard:
     """A new state of a shard, with the datasets of parts instead of what it had of those names."""
     store = Store(root)
+    parts_folder = Path(root) / PARTS
     folder, index = staged(store, number, before)
     with index.writer() as writer:
         for part in parts:
-            held = MapIndex.open(store.path / PARTS / part.key / INDEX)
+            held = MapIndex.open(parts_folder / part.key / INDEX)
             writer.replace(part.name, held.documents(part.name), (part.scans, part.travel))
-    return described(folder)
+    return store.taken(folder)
 
 
 def remove_parts(store: Store, parts: Sequence[Part]) -> None:
     """Removes parts that are in shards now, and what killed attempts left; the lock must be held."""
-    done = {part.key for part in parts}
-    for folder in (store.path / PARTS).iterdir():
+    done, held = {part.key for part in parts}, Path(store.path) / PARTS
+    for folder in held.iterdir():
         if folder.name in done or "." in folder.name:
             shutil.rmtree(folder, ignore_errors=True)
     with suppress(OSError):  # others are left, of sources that another command is to index
-        (store.path / PARTS).rmdir()
+        held.rmdir()

@@ -16,7 +16,7 @@ import platformdirs
 from m2t_text.cluster.connection import PORT, is_loopback, loaded, own_address, settings, split
 from m2t_text.cluster.node import Node
 from m2t_text.cluster.ray_carrier import cluster_index
-from m2t_text.cluster.store import Store
+from m2t_text.cluster.remote import open_store
 from m2t_text.errors import ClusterError
 from m2t_text.util.files import make_folder
 from m2t_text.util.workers import cores
@@ -65,7 +65,9 @@ def start(
     Raises:
         ClusterError: if there is no such index, a cluster runs there already, or it does not come up.
     """
-    Store(folder).manifest()
+    store = open_store(folder)
+    store.manifest()
+    served = str(store.path if isinstance(store.path, str) else store.path.absolute())
     address = f"{host}:{port}"
     if any(one.address == address for one in all_started()):
         raise ClusterError(
@@ -73,7 +75,7 @@ def start(
         )
     settings(make_token=True)
     loaded(host)
-    node = Node("head", address, host, str(folder.absolute()), replicas, cpus or cores(None))
+    node = Node("head", address, host, served, replicas, cpus or cores(None))
     started = _run(node)
     end = monotonic() + READY
     problem = ""
@@ -195,7 +197,8 @@ def _alive(pid: int) -> bool:
 
 def serving(folder: Path) -> str | None:
     """The address of the cluster on this host, for this host alone, that serves a sharded index; or None."""
-    own = str(folder.absolute())
+    path = open_store(folder).path
+    own = str(path if isinstance(path, str) else path.absolute())
     held = (one.address for one in all_started() if one.folder == own and is_loopback(split(one.address)[0]))
     return next(held, None)
 

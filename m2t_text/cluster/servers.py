@@ -9,8 +9,8 @@ from typing import Any
 
 from m2t_text.cluster.connection import NAMESPACE, SERVES
 from m2t_text.cluster.manifest import Manifest
+from m2t_text.cluster.remote import open_store
 from m2t_text.cluster.shard import ShardServer
-from m2t_text.cluster.store import Store
 from m2t_text.errors import M2TError
 from m2t_text.util.workers import THREADS
 
@@ -62,7 +62,7 @@ class Server:
 
     def __init__(self, folder: str, threads: int) -> None:
         os.environ[THREADS] = str(threads)
-        self._shards = ShardServer(Store(folder))
+        self._shards = ShardServer(open_store(folder))
 
     def answer(
         self, method: str, generation: int, numbers: Sequence[int], arguments: tuple[Any, ...]
@@ -93,7 +93,7 @@ class Keeper:
     """Starts servers on all nodes, has them open each new generation, and says who answers for which shard."""
 
     def __init__(self, folder: str, replicas: int) -> None:
-        self._store, self._replicas = Store(folder), replicas
+        self._store, self._replicas = open_store(folder), replicas
         self._known, self._problem = _Known(), ""
         self._served: Served | None = None
         self._manifest: Manifest | None = None

@@ -3,7 +3,7 @@
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from secrets import token_hex
@@ -31,10 +31,15 @@ class Store:
     """
 
     def __init__(self, folder: str | Path) -> None:
-        self.path = Path(folder)
+        self._folder = Path(folder)
 
     def __repr__(self) -> str:
-        return f"Store({str(self.path)!r})"
+        return f"{type(self).__name__}({str(self.path)!r})"
+
+    @property
+    def path(self) -> Path | str:
+        """Where it lies, for messages, and for `open_store`."""
+        return self._folder
 
     @property
     def generation(self) -> int:
@@ -42,7 +47,7 @@ class Store:
         return max(self._generations(), default=-1)
 
     def _generations(self) -> list[int]:
-        numbers = (generation_of(name) for name in MapStorage(self.path).list())
+        numbers = (generation_of(name) for name in self._names())
         return sorted(number for number in numbers if number is not None)
 
     def manifest(self, number: int | None = None) -> Manifest:
@@ -57,8 +62,7 @@ class Store:
             raise ClusterError(f"no sharded index in {self.path}; make one with `m2t-text index --shards N`")
         name = f"manifest-{wanted:08d}.json"
         try:
-            with MapStorage(self.path).open_plain(name) as file:
-                data = file.read(MANIFEST_LIMIT + 1)
+            data = self._read(name)
         except FileNotFoundError as error:
             if number is None and self.generation > wanted:
                 return self.manifest()  # it was replaced meanwhile
@@ -66,27 +70,27 @@ class Store:
                 f"generation {wanted} of {self.path} is gone: it was written to meanwhile; ask again"
             ) from error
         except OSError as error:
-            raise ClusterError(f"{self.path / name} cannot be read: {error.strerror or error}") from error
+            raise ClusterError(f"{name} in {self.path} cannot be read: {error.strerror or error}") from error
         return Manifest.from_bytes(data, str(self.path))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Lets nobody else write during the block."""
-        make_folder(self.path)
+        make_folder(self._folder)
         try:
-            with locked(self.path, LOCK_SECONDS):
+            with locked(self._folder, LOCK_SECONDS):
                 yield
         except OSError as error:
             raise ClusterError(f"cannot write to {self.path}: {error.strerror or error}") from error
 
     def check_new(self) -> None:
         """Raises MapIndexError unless a sharded index can be made in the folder."""
-        if generation(MapStorage(self.path)) >= 0:
+        if generation(MapStorage(self._folder)) >= 0:
             raise MapIndexError(f"{self.path} holds an index without shards; choose another folder")
-        if self.generation < 0 and self.path.is_dir():
-            own = (file for file in self.path.iterdir() if SHARD.fullmatch(file.name) or file.name == PARTS)
+        if self.generation < 0 and self._folder.is_dir():
+            own = (file for file in self._folder.iterdir() if SHARD.fullmatch(file.name) or file.name == PARTS)
             if not any(own):  # else it was left half made
-                check_new(self.path)
+                check_new(self._folder)
 
     def publish(self, manifest: Manifest) -> None:
         """Makes a generation the latest, in one step, and removes what is not needed any more.
@@ -97,39 +101,42 @@ class Store:
             ClusterError: if the disk refuses; nothing has changed then.
         """
         try:
-            MapStorage(self.path).put(manifest.name, manifest.to_bytes())
+            self._put(manifest.name, manifest.to_bytes())
         except OSError as error:
             raise ClusterError(f"cannot write to {self.path}: {error.strerror or error}") from error
         self.sweep()
 
     def sweep(self) -> None:
         """Removes all but the latest generation and those that were replaced lately; the lock must be held."""
-        files = {number: self.path / f"manifest-{number:08d}.json" for number in self._generations()}
-        kept = list(files)[-1:]
-        for number, follower in pairwise(files):
-            if time() - files[follower].stat().st_mtime <= KEPT:
+        names = {number: f"manifest-{number:08d}.json" for number in self._generations()}
+        kept = list(names)[-1:]
+        for number, follower in pairwise(names):
+            if self._age(names[follower]) <= KEPT:
                 kept.append(number)
             else:
-                files[number].unlink(missing_ok=True)
+                self._remove(names[number])
         folders = {shard.folder for number in kept for shard in self.manifest(number).shards}
-        for file in self.path.iterdir():
-            if SHARD.fullmatch(file.name) and file.name not in folders:
-                shutil.rmtree(file, ignore_errors=True)
+        for name in self._names():
+            if SHARD.fullmatch(name) and name not in folders:
+                self._remove(name)
 
     def stage(self, number: int, shard: Shard | None) -> Path:
         """A new folder with the files of a state of a shard, to be changed; empty without a state.
 
         Files of an index never change, so they are linked where the file system can.
         """
-        folder = self.path / f"shard-{number:04d}-{token_hex(8)}"
-        folder.mkdir()
-        for name in shard.files if shard else ():
-            source = self.path / shard.folder / name if shard else folder
+        folder = self._staging() / f"shard-{number:04d}-{token_hex(8)}"
+        folder.mkdir(parents=True)
+        for source in () if shard is None else map(self.fetched(shard).joinpath, shard.files):
             try:
-                os.link(source, folder / name)
+                os.link(source, folder / source.name)
             except OSError:
-                shutil.copyfile(source, folder / name)
+                shutil.copyfile(source, folder / source.name)
         return folder
+
+    def taken(self, folder: Path) -> Shard:
+        """The state of a shard that was written to a staged folder; it can be read from now on."""
+        return described(folder)
 
     def opened(self, shard: Shard) -> MapIndex:
         """The index of one state of a shard, pinned.
@@ -147,7 +154,31 @@ class Store:
 
     def fetched(self, shard: Shard) -> Path:
         """The folder of a state of a shard, on this machine."""
-        return self.path / shard.folder
+        return self._folder / shard.folder
+
+    # What differs where files lie elsewhere:
+
+    def _staging(self) -> Path:
+        return self._folder
+
+    def _names(self) -> list[str]:
+        return MapStorage(self._folder).list()
+
+    def _read(self, name: str) -> bytes:
+        with MapStorage(self._folder).open_plain(name) as file:
+            return file.read(MANIFEST_LIMIT + 1)
+
+    def _put(self, name: str, data: bytes) -> None:
+        MapStorage(self._folder).put(name, data)
+
+    def _age(self, name: str) -> float:
+        """Seconds since a file was written."""
+        return time() - (self._folder / name).stat().st_mtime
+
+    def _remove(self, name: str) -> None:
+        """Removes a file or folder; what cannot be removed, stays."""
+        with suppress(OSError):
+            MapStorage(self._folder).remove(name)
 
 
 def check(folder: Path, shard: Shard) -> None:
@@ -183,8 +214,3 @@ def _digest(folder: Path) -> str:
     storage = MapStorage(folder)
     with storage.open_plain(contents_name(generation(storage))) as file:
         return fingerprint(file)
-
-
-def holds_shards(folder: str | Path) -> bool:
-    """Whether there is a sharded index in a folder."""
-    return Store(folder).generation >= 0

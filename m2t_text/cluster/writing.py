@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from m2t_text.cluster.manifest import MOST_SHARDS, Manifest, Shard
-from m2t_text.cluster.store import Store, described
+from m2t_text.cluster.store import Store
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import ClusterError, MapIndexError
@@ -58,7 +58,7 @@ class ShardedWriter:
 
     def changed(self) -> dict[int, Shard]:
         """The new states of the shards that were changed, once all their writers have committed."""
-        return {number: described(folder) for number, folder in self._folders.items()}
+        return {number: self._store.taken(folder) for number, folder in self._folders.items()}
 
 
 def place(maps: Sequence[int]) -> int:
@@ -130,7 +130,7 @@ def at_least(store: Store, parameters: Parameters, shards: int | None) -> Manife
 def _empty(store: Store, number: int, parameters: Parameters) -> Shard:
     folder = store.stage(number, None)
     MapIndex.create(folder, parameters)
-    return described(folder)
+    return store.taken(folder)
 
 
 def staged(store: Store, number: int, before: Manifest) -> tuple[Path, MapIndex]:

@@ -44,9 +44,9 @@ class DatasetSummary:
 
 @dataclass(frozen=True)
 class IndexInfo:
-    """Of a whole index; `bytes` is all that its folder holds."""
+    """Of a whole index; `bytes` is all that its folder holds. One with shards may lie at a URL."""
 
-    path: Path
+    path: Path | str
     parameters: Parameters
     maps: int
     keypoints: int

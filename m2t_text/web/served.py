@@ -94,7 +94,8 @@ class Library:
         """The folders of all indexes that may be named, but for the first."""
         if not self._with_others:
             return []
-        return [one.path for one in indexes_in(self.path.parent) if one.path.name != self.path.name]
+        beside = (Path(one.path) for one in indexes_in(self.path.parent))
+        return [path for path in beside if path.name != self.path.name]
 
     def folder(self, name: str | None) -> Path:
         """The folder of an index by its name. Raises QueryError if there is none that may be named."""

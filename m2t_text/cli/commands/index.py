@@ -174,7 +174,7 @@ def _indexed(
     request: "IndexRequest", shards: int | None, cluster: str | None, progress: "SourceProgress"
 ) -> "Report":
     """What became of the sources, in an index with shards or without, here or on a cluster."""
-    from m2t_text.cluster.store import holds_shards
+    from m2t_text.cluster.remote import holds_shards
     from m2t_text.sources.indexing import index_sources
 
     if cluster is not None:

@@ -60,7 +60,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
         raise MapIndexError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
-def other_parameters(folder: Path, stored: Parameters, wanted: Parameters) -> MapIndexError:
+def other_parameters(folder: Path | str, stored: Parameters, wanted: Parameters) -> MapIndexError:
     """What to tell who asks for a profile that an index does not have."""
     return MapIndexError(
         f"the index in {folder} was made with other parameters (profile {stored.profile!r}, asked for "

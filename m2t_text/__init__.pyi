@@ -28,7 +28,7 @@ from .loops.growing import GrowingDataset
 from .loops.online import OnlineLoops
 from .pipeline import describe, describe_at, describe_log
 from .recognition.answer import Answer, SearchOptions, search
-from .recognition.finding import Finding, find, verify_hits
+from .recognition.finding import Finding, find, find_many, verify_hits
 from .recognition.found import Found
 from .recognition.queries import Query
 from .recognition.verification import Alignment, align, relative_pose
@@ -83,6 +83,7 @@ __all__ = [
     "describe_log",
     "fetch",
     "find",
+    "find_many",
     "indexes_in",
     "map_logs",
     "merge",

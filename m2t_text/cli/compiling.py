@@ -39,16 +39,21 @@ def compile_first(groups: "Iterable[Group]") -> None:
             warm(chosen, partial(progress, "m2t-text", ONCE))
 
 
-def compile_for(query: str, parameters: "Parameters | None" = None, verify: bool = False) -> None:
-    """Compiles what it takes to describe a query, and with the ``parameters`` of an index to search for it."""
+def compile_for(queries: Iterable[str], parameters: "Parameters | None" = None, verify: bool = False) -> None:
+    """Compiles what it takes to describe queries, and with the ``parameters`` of an index to look them up."""
     from m2t_text.util.compiled import Group
 
     groups = [] if parameters is None else Group.of_search(parameters.matching.score)
     if not verify and Group.VERIFICATION in groups:
         groups.remove(Group.VERIFICATION)
-    if not query.endswith(".txt") and ("@" in query or "#" in query or is_file(Path(query))):
+    if any(map(_is_described, queries)):
         groups.insert(0, Group.DESCRIBING)
     compile_first(groups)
+
+
+def _is_described(query: str) -> bool:
+    """Whether a query is cut from a log, or comes from a file that is no text."""
+    return not query.endswith(".txt") and ("@" in query or "#" in query or is_file(Path(query)))
 
 
 def compile_all_for(parameters: "Parameters") -> None:

@@ -19,6 +19,7 @@ from whoosh.codec.whoosh3 import W3Codec, W3PerDocReader, W3PerDocWriter, W3Segm
 
 from m2t_text.description.document import map_id_of
 from m2t_text.errors import DamageError
+from m2t_text.index.column import KeypointColumn
 from m2t_text.index.kernels.packed import MOST
 from m2t_text.index.schema import schema_columns
 from m2t_text.index.storage.directory import MapStorage, fingerprint
@@ -121,6 +122,12 @@ class MapDocWriter(W3PerDocWriter):
     def __init__(self, codec: MapCodec, storage: Any, segment: MapSegment) -> None:
         super().__init__(codec, storage, segment)
         self._fieldlengths: dict[str, int] = {}
+
+    def _create_column(self, fieldname: str, column: Any) -> None:
+        super()._create_column(fieldname, column)
+        writer = self._colwriters[fieldname]
+        if isinstance(writer, KeypointColumn.Writer):
+            writer.folder = Path(self._storage.folder)  # what it collects lies on the disk of the index
 
     def add_field(self, fieldname: str, fieldobj: Any, value: Any, length: int) -> None:
         """Stored fields and lengths follow from the columns."""

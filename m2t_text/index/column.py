@@ -1,8 +1,11 @@
 """Whoosh columns that are read without being copied: of texts, of numbers and records, and of names."""
 
 import json
+from array import array
 from dataclasses import replace
 from itertools import accumulate
+from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,7 @@ from m2t_text.util.names import checked_name
 HEADER = np.dtype([("maps", "<u8"), ("keypoints", "<u8"), ("runs", "<u8"), ("wide", "<u8")])
 COUNTS = np.dtype("<u4")
 EMPTY = Text.of([], [], [])
+HELD = 1 << 22  # bytes of a section that are held in memory while it is written
 LIMIT = 1 << 24  # bytes of the names of a segment's datasets at most
 
 
@@ -37,6 +41,14 @@ class KeypointColumn(Column):
     _default = EMPTY
 
     class Writer(ColumnWriter):
+        """Collects documents in files without a name, as it is known only in the end where each section begins.
+
+        Attributes:
+            folder: of these files; None for where the system keeps temporary ones.
+        """
+
+        folder: Path | None = None
+
         def __init__(self, dbfile: Any) -> None:
             super().__init__(dbfile)
             self._parts = (_PartWriter(), _PartWriter())
@@ -48,8 +60,8 @@ class KeypointColumn(Column):
         def add(self, docnum: int, value: Text) -> None:
             self.fill(docnum)
             keypoints, squares = self._parts
-            keypoints.add(pack(value))
-            squares.add(pack(as_words(value.free)))
+            keypoints.add(pack(value), self.folder)
+            squares.add(pack(as_words(value.free)), self.folder)
 
         def finish(self, docnum: int) -> None:
             self.fill(docnum)
@@ -79,26 +91,52 @@ class _PartWriter:
     """One part of a column of texts while it is written: sizes and sections of each document."""
 
     def __init__(self) -> None:
-        self._sizes: list[tuple[int, int, int]] = []
-        self._sections: tuple[list[bytes], ...] = ([], [], [], [])
+        self._sizes = array("I")
+        self._sections = (_Section(), _Section(), _Section(), _Section())
 
     def fill(self, docnum: int) -> None:
         """Makes the documents before this one that have nothing."""
-        self._sizes.extend([(0, 0, 0)] * (docnum - len(self._sizes)))
+        self._sizes.extend([0] * (3 * docnum - len(self._sizes)))
 
-    def add(self, rows: tuple[bytes, bytes, bytes, bytes]) -> None:
+    def add(self, rows: tuple[bytes, bytes, bytes, bytes], folder: Path | None) -> None:
         """The next document, packed."""
         for section, row in zip(self._sections, rows, strict=True):
-            section.append(row)
-        self._sizes.append((len(rows[1]), len(rows[0]) // 2, len(rows[3]) // 2))
+            section.add(row, folder)
+        self._sizes.extend((len(rows[1]), len(rows[0]) // 2, len(rows[3]) // 2))
 
     def write(self, file: Any) -> None:
-        sizes = np.array(self._sizes, dtype=np.int64).reshape(-1, 3).T
-        totals = (len(self._sizes), *sizes.sum(axis=1).tolist())
+        sizes = np.array(self._sizes, dtype=COUNTS).reshape(-1, 3).T
+        totals = (sizes.shape[1], *sizes.sum(axis=1, dtype=np.int64).tolist())
         file.write(np.array([totals], dtype=HEADER).tobytes())
-        file.write(sizes.astype(COUNTS).tobytes())
+        file.write(sizes.tobytes())
         for section in self._sections:
-            file.write(b"".join(section))
+            section.write(file)
+
+
+class _Section:
+    """Bytes that are collected, those that are many in a file without a name."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+        self._file: Any = None
+
+    def add(self, row: bytes, folder: Path | None) -> None:
+        self._bytes += row
+        if len(self._bytes) > HELD:
+            if self._file is None:
+                self._file = TemporaryFile(dir=folder)  # noqa: SIM115
+            self._file.write(self._bytes)
+            self._bytes.clear()
+
+    def write(self, file: Any) -> None:
+        """Moves all of them into a file."""
+        if self._file is not None:
+            self._file.seek(0)
+            while part := self._file.read(HELD):
+                file.write(part)
+            self._file.close()
+        file.write(bytes(self._bytes))
+        self._bytes.clear()
 
 
 def _read_part(file: Any, begin: int, end: int, documents: int) -> tuple[Texts, int]:

@@ -27,6 +27,7 @@ from m2t_text.index.writing.folder import (
 )
 from m2t_text.index.writing.map_writer import MapWriter, open_writer, other_parameters
 from m2t_text.util.types import StageProgress
+from m2t_text.util.workers import threaded
 
 if TYPE_CHECKING:  # the compiled kernel is slow to import, and only searching needs it
     from m2t_text.description.source import Source
@@ -341,6 +342,25 @@ class MapIndex:
         """
         with self.ranking(text, top, exclude, method, filter, None, least, wanted) as ranking:
             return self.hits(ranking, top, texts)
+
+    def search_many(
+        self, texts: Iterable[Text], top: int = 10, method: "Method" = "m2t"
+    ) -> Iterator[list[Hit]]:
+        """The best maps for each of many texts, in their order and of one state, in less time than one by one.
+
+        Each core works on a text of its own; texts are taken as they are needed. `find_many` also verifies.
+
+        Examples:
+            >>> import m2t_text as m2t
+            >>> index = m2t.MapIndex.open("indexes/default")
+            >>> texts = [document.text for document in index.documents("drive")][:20]
+            >>> many = list(index.search_many(texts, top=1))
+            >>> many[7][0].map_id == index.search(texts[7], top=1)[0].map_id
+            True
+        """
+        pinned = self.pinned()
+        pinned.model(method)  # loads the compiled code
+        return threaded(lambda text: pinned.search(text, top, method=method), texts)
 
     def ranking(
         self,

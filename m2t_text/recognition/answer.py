@@ -1,5 +1,6 @@
 """What the commands answer, as objects that are printed, saved as JSON and compared."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 from m2t_text.errors import QueryError
 from m2t_text.index.searchable import Searchable
 from m2t_text.recognition.covariance import dataset_covariance
-from m2t_text.recognition.finding import Finding, find
+from m2t_text.recognition.finding import Finding, find, find_many
 from m2t_text.recognition.found import Found
 from m2t_text.recognition.queries import Context, Query, resolve
 from m2t_text.sources.opening import SourceOptions
@@ -133,6 +134,31 @@ def search(
     return answer(query, index, options, perf_counter() - begin, where)
 
 
+def search_many(
+    queries: Sequence[Query],
+    index: Searchable,
+    options: SearchOptions = SearchOptions(),
+    where: str | None = None,
+) -> Iterator[Answer]:
+    """What `search` answers to each of many queries, in order and of one state of the index; see `find_many`.
+
+    Raises:
+        QueryError: before the first answer, if there is nothing to search for.
+    """
+    index = index.pinned()
+    for query in queries:
+        _check(query)
+        query.excluding(options.exclude_travel)
+    chosen = None if where is None else index.parse(where)
+    found = find_many(index, queries, options.top, options.exclude_travel, options.verify, chosen)
+    return (Answer(query, index, finding, 0.0) for query, finding in zip(queries, found, strict=True))
+
+
+def _check(query: Query) -> None:
+    if not len(query.text):
+        raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
+
+
 def answer(
     query: Query,
     index: Searchable,
@@ -147,8 +173,7 @@ def answer(
     Raises:
         QueryError: if there is nothing to search for.
     """
-    if not len(query.text):
-        raise QueryError(f"{query.title} has no keypoints: the robot saw nothing there")
+    _check(query)
     index.model()  # loads the compiled code, which is no part of any one search
     exclude = query.excluding(options.exclude_travel)
     chosen = None if where is None else index.parse(where)

@@ -93,6 +93,14 @@ class Context:
     options: SourceOptions = field(default_factory=SourceOptions)
     run: float | None = None
     sequence: float | None = None
+    _logs: dict[str, Log] = field(default_factory=dict, compare=False, repr=False)
+
+    def log(self, name: str) -> Log:
+        """The log in a file, which is read once, however many queries are cut from it."""
+        if name not in self._logs:
+            self._logs.clear()  # one is enough for queries that follow each other, and logs are large
+            self._logs[name] = open_log(Path(name), self.options)
+        return self._logs[name]
 
     @property
     def described(self) -> Parameters:
@@ -154,7 +162,7 @@ def _run_of_log(run: re.Match[str], context: Context) -> Query:
     if number is None:
         kind = "the number of a scan, as #40" if run["kind"] == "#" else "metres of travel, as @12.5"
         raise QueryError(f"{run[0]!r} does not end in {kind}")
-    log = open_log(Path(run["log"]), context.options)
+    log = context.log(run["log"])
     scan = int(number) if run["kind"] == "#" else _scan_after(number, log, context)
     if scan >= len(log.scans):
         raise QueryError(f"{run[0]!r}: the log has {len(log.scans)} scans, #0 to #{len(log.scans) - 1}")

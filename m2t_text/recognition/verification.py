@@ -6,7 +6,6 @@ point-to-line ICP, and how well they fit is counted among what both have seen.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ from m2t_text.recognition.fit import Fit
 from m2t_text.recognition.raster import Raster, refined
 from m2t_text.util.geometry import compose, inverse
 from m2t_text.util.types import Floats
-from m2t_text.util.workers import cores
+from m2t_text.util.workers import threaded
 
 WINDOW = 20  # cells by which the viewpoints may lie apart; from opposite sides a 180° laser sees other walls
 TURNS = 4  # quarter turns, each of which is a start
@@ -88,8 +87,7 @@ def align_variously(query: Text, candidates: Sequence[Text], cell: float) -> lis
         found_there = [aligned_from(raster, found, starts[t, k], float(agreements[t, k])) for t in chosen]
         return sorted(found_there, key=lambda alignment: -alignment.fit.evidence)
 
-    with ThreadPoolExecutor(cores(None)) as pool:  # compiled code lets the others run
-        return list(pool.map(aligned, range(len(candidates))))
+    return list(threaded(aligned, range(len(candidates))))
 
 
 def aligned_from(query: Raster, found: Raster, start: Floats, agreement: float) -> Alignment:

@@ -1,10 +1,16 @@
-"""Processes that share the work of one command. What starts them is loaded by those commands that need it."""
+"""Processes and threads that share the work of one command.
+
+What starts them is loaded by those commands that need it.
+"""
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from threading import Thread
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from threading import Thread, local
 from typing import Any, TypeVar
+
+AHEAD = 4  # items for each thread that are worked on or wait to be taken
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -19,6 +25,49 @@ def cores(jobs: int | None) -> int:
     there = len(affinity(0)) if affinity else os.cpu_count() or 1
     most = os.environ.get(THREADS, "")
     return jobs or (min(there, max(1, int(most))) if most.isdecimal() else there)
+
+
+class _Place(local):
+    """What each thread knows of itself: whether it works on one item of many beside others."""
+
+    beside_others = False
+
+
+_place = _Place()
+
+
+def own_cores() -> int:
+    """As many threads as the work at hand may take: 1 where it is one item of many that are worked on."""
+    return 1 if _place.beside_others else cores(None)
+
+
+def threaded(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """What a function makes of each item, in their order, by a thread for each core.
+
+    For functions that spend their time in compiled code, which lets other threads run. Items are taken as they
+    are needed.
+    """
+    threads = own_cores()
+    if threads == 1:
+        yield from map(function, items)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    pool = ThreadPoolExecutor(threads, initializer=_work_beside_others)
+    try:
+        waiting: deque[Any] = deque()
+        for item in items:
+            waiting.append(pool.submit(function, item))
+            if len(waiting) > AHEAD * threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _work_beside_others() -> None:
+    _place.beside_others = True
 
 
 def mapped(make: Callable[[], Callable[[Item], Result]], items: Sequence[Item], jobs: int) -> Iterator[Result]:

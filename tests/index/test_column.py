@@ -12,6 +12,7 @@ from whoosh.filedb.filestore import RamStorage
 from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text
 from m2t_text.errors import MapIndexError
+from m2t_text.index import column
 from m2t_text.index.column import KeypointColumn
 from m2t_text.index.kernels.packed import Texts, pack_words, unpack_words
 
@@ -112,3 +113,15 @@ def test_damage_is_noticed(documents, cut):
     size = storage.file_length("column")
     with pytest.raises(MapIndexError, match="damaged"):
         KeypointColumn().reader(storage.open_file("column"), 0, size - cut, documents)
+
+
+def test_what_is_collected_on_disk_is_written_all_the_same(monkeypatch, tmp_path):
+    """A writer holds little of a long column in memory, and leaves no file behind."""
+    rng = np.random.default_rng(3)
+    rows = {k: random_text(rng, int(rng.integers(0, 200)), span=200) for k in range(40)}
+    whole, size = column_of(rows, 41)
+    monkeypatch.setattr(column, "HELD", 256)
+    monkeypatch.setattr(KeypointColumn.Writer, "folder", tmp_path)
+    parts, in_parts = column_of(rows, 41)
+    assert in_parts == size and not list(tmp_path.iterdir())
+    assert all(same(parts[k], whole[k]) and same(parts[k], rows.get(k, whole[40])) for k in range(41))

@@ -59,7 +59,7 @@ def inspect(
     check_plot(plot)
     with _if_any(index, cluster) as held:
         parameters = held.parameters if held else PROFILES["default"]
-        compile_for(target)
+        compile_for([target])
         found = resolve(target, Context(parameters, held, reading, run))
     warn(found)
     if plot is not None:

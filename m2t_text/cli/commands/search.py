@@ -21,6 +21,7 @@ from m2t_text.cli.options import (
     reads_logs,
     warn,
 )
+from m2t_text.errors import QueryError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 @reads_logs
 def search(
     query: Annotated[
-        str, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False, autocompletion=map_ids)
-    ],
+        str | None, typer.Argument(metavar="QUERY", help=TARGETS, show_default=False, autocompletion=map_ids)
+    ] = None,
     index: IndexOption = DEFAULT_INDEX,
     top: Annotated[int, typer.Option(min=0, metavar="K", help="Number of results; 0 for every map.")] = 10,
     exclude_travel: Annotated[
@@ -66,6 +67,13 @@ def search(
         ),
     ] = None,
     no_verify: Annotated[bool, typer.Option("--no-verify", help="Rank by the texts' scores alone.")] = False,
+    queries: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Look up many queries in one go, each a line of FILE, or of standard input if that is -.",
+        ),
+    ] = None,
     run: RunOption = None,
     cluster: ClusterOption = None,
     partial: PartialOption = False,
@@ -89,16 +97,25 @@ def search(
     m2t-text inspect robot/000123 | m2t-text search -  a text
     m2t-text search room.pcd --height 0.2 1.0          a point cloud
     m2t-text search robot/000123 --cluster 10.0.0.5:6399   among the maps of a cluster
+    m2t-text search --queries ids.txt --json           many at once, in less time
     """
+    if (query is None) == (queries is None):
+        raise QueryError("name one QUERY, or a file of them with --queries FILE")
+    if queries is not None and plot is not None:
+        raise QueryError("--plot draws the answer to one QUERY; leave it out with --queries")
+    check_plot(plot)
+    from m2t_text.cli.batch import search_all
     from m2t_text.recognition.answer import SearchOptions
     from m2t_text.recognition.answer import search as find
 
-    check_plot(plot)
     options = SearchOptions(top, exclude_travel, not no_verify, run, sequence)
     with opened(index, cluster, partial) as held:
         if where is not None:
             held.parse(where)  # what is wrong with it is said before anything takes time
-        compile_for(query, held.parameters, not no_verify)
+        if query is None:
+            search_all(str(queries), held, options, reading, where, as_json)
+            return
+        compile_for([query], held.parameters, not no_verify)
         answer = find(query, held, options, reading, where)
         warn(answer.query)
         if exclude_travel is not None:

@@ -129,8 +129,10 @@ def pack(text: Text) -> tuple[bytes, bytes, bytes, bytes]:
     if not len(text):
         return b"", b"", b"", b""
     x, y = text.wx.astype(np.int8), text.wy.astype(np.int8)  # keeps the low byte
-    high = np.stack([text.wx - x.astype(np.int32), text.wy - y.astype(np.int32)], axis=1) >> 8
-    wide = high.astype(np.int8).tobytes() if high.any() else b""
+    wide = b""
+    if (x != text.wx).any() or (y != text.wy).any():
+        high = np.stack([text.wx - x.astype(np.int32), text.wy - y.astype(np.int32)], axis=1) >> 8
+        wide = high.astype(np.int8).tobytes()
     return pack_words(text.wa).tobytes(), x.tobytes(), y.tobytes(), wide
 
 
@@ -141,11 +143,16 @@ def _pairs(low_first: Bytes) -> NDArray[np.uint16]:
 
 def pack_words(wa: NDArray[np.int16]) -> NDArray[np.uint16]:
     """Sorted words as runs of at most 64: word * 64 + length - 1."""
-    place = np.arange(len(wa))
-    fresh = np.diff(wa, prepend=-1) != 0
-    in_word = place - np.maximum.accumulate(np.where(fresh, place, 0)) if len(wa) else place
-    begins = np.flatnonzero(in_word % RUN == 0)
-    lengths = np.diff(begins, append=len(wa))
+    if not len(wa):
+        return np.zeros(0, "<u2")
+    others = np.flatnonzero(wa[1:] != wa[:-1]) + 1  # where a word begins that is not the first
+    begins = np.concatenate([[0], others])
+    lengths = np.concatenate([others, [len(wa)]]) - begins
+    if lengths.max() > RUN:
+        runs = -(-lengths // RUN)
+        first = np.cumsum(runs) - runs
+        begins = np.repeat(begins - RUN * first, runs) + RUN * np.arange(runs.sum())
+        lengths = np.concatenate([begins[1:], [len(wa)]]) - begins
     return (wa[begins].astype(np.int64) * RUN + lengths - 1).astype("<u2")
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from m2t_text.index.kernels.scores import Scores
 from m2t_text.util.types import Floats
-from m2t_text.util.workers import cores
+from m2t_text.util.workers import own_cores
 
 Documents = NDArray[np.int64]
 Part = TypeVar("Part")
@@ -93,13 +93,14 @@ class TopK:
         self._names = list(allowed)
         self._begins = np.cumsum([0, *[len(part) for part in allowed.values()]])
         self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
-        self._threads = ThreadPoolExecutor(cores(None))
+        self._threads = ThreadPoolExecutor(own_cores()) if own_cores() > 1 else None
 
     def __enter__(self) -> "TopK":
         return self
 
     def __exit__(self, *problem: object) -> None:
-        self._threads.shutdown(cancel_futures=True)
+        if self._threads is not None:
+            self._threads.shutdown(cancel_futures=True)
 
     def all(self) -> Scores:
         """The scores of all documents, in the order in which they were given."""
@@ -215,12 +216,17 @@ class TopK:
     def _each(self, work: Callable[..., Part], places: NDArray[np.int64], *arguments: float) -> Sequence[Part]:
         """What the work gives for ascending places, part by part of one segment each."""
         parts: list[tuple[str, Documents]] = []
-        threads = cores(None)
-        share = max(1, min(max(LEAST, len(places) // (SHARES * threads)), len(places) // threads))
+        share = len(places)
+        if self._threads is not None:
+            threads = own_cores()
+            share = min(max(LEAST, share // (SHARES * threads)), share // threads)
+        share = max(1, share)
         for number, name in enumerate(self._names):
             begin, end = np.searchsorted(places, self._begins[number : number + 2])
             own = self._documents[places[begin:end]]
             parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
+        if self._threads is None:
+            return [work(*part, *arguments) for part in parts]
         return list(self._threads.map(lambda part: work(*part, *arguments), parts))
 
 

@@ -1,5 +1,6 @@
 """Whoosh's writer and index, so that what is committed stays, and what is not leaves nothing."""
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
@@ -36,6 +37,19 @@ class SafeIndex(FileIndex):
         return SegmentMaker(MapStorage(self.storage.path), timeout)
 
 
+class NoPostings:
+    """Collects no postings: they follow from the columns, and would take a third of a kilobyte a map."""
+
+    def add(self, item: Any) -> None:
+        """Leaves it."""
+
+    def iter_postings(self) -> Iterator[Any]:
+        return iter(())
+
+    def cleanup(self) -> None:
+        """There is nothing to clean up."""
+
+
 class SegmentMaker(SegmentWriter):
     """Makes one segment of what is added and merged, and commits it.
 
@@ -57,6 +71,7 @@ class SegmentMaker(SegmentWriter):
             ending.callback(clean, storage)
             self._searcher: Any = None
             super().__init__(SafeIndex(storage), _lk=False, codec=MapCodec())
+            self.pool = NoPostings()
             self._ending = ending.pop_all()
 
     def add_postings_to_pool(self, reader: Any, startdoc: int, docmap: Any) -> None:

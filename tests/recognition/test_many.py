@@ -1,0 +1,52 @@
+"""Many queries in one go are answered as one by one."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+
+import m2t_text as m2t
+from m2t_text.index.search import collection, top_k
+from m2t_text.recognition.queries import Query
+
+
+@pytest.fixture(params=["default", "paper"])
+def index(request, tmp_path) -> m2t.MapIndex:
+    index = m2t.open_index(tmp_path / "index", m2t.PROFILES[request.param])
+    for seed in (1, 2):
+        index.add(m2t.LogSource(m2t.simulate(m2t.Simulation(length=24.0, travel=24.0, seed=seed))))
+    return index
+
+
+def told(finding: m2t.Finding) -> object:
+    rows = [
+        (one.hit.map_id, one.hit.score, one.hit.alignment.tolist(), one.inlier_ratio, str(one.pose))
+        for one in finding.results
+    ]
+    return finding.verdict, astuple(finding.assessment.reason), finding.assessment.probability, rows
+
+
+def test_many_are_answered_as_one_by_one(index: m2t.MapIndex, monkeypatch) -> None:
+    monkeypatch.setattr(top_k, "SIEVED", 20)
+    monkeypatch.setattr(collection, "ALONE", 2)
+    queries = [Query.of(document) for document in index.documents()][::9]
+    assert len(queries) > 10
+    for exclude in (None, 5.0):
+        answers = [m2t.find(index, query, 5, query.excluding(exclude)) for query in queries]
+        many = list(m2t.find_many(index, iter(queries), 5, exclude))
+        assert [told(one) for one in many] == [told(one) for one in answers]
+    texts = [query.text for query in queries]
+    for method in ("m2t", "bow"):
+        found = [[(hit.map_id, hit.score) for hit in hits] for hits in index.search_many(texts, 7, method)]
+        single = [index.search(text, 7, method=method) for text in texts]
+        assert found == [[(hit.map_id, hit.score) for hit in hits] for hits in single]
+
+
+def test_all_queries_see_one_state(index: m2t.MapIndex) -> None:
+    documents = list(index.documents())
+    texts = [documents[0].text] * 40
+    hits = index.search_many(texts, 1)
+    assert next(hits)[0].map_id == documents[0].map_id
+    index.remove(*[dataset.name for dataset in index.datasets()])
+    assert [found[0].map_id for found in hits] == [documents[0].map_id] * 39
+    assert np.size(index.ids) == 0

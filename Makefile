@@ -42,7 +42,8 @@ cluster-test: $(VENV)/.installed-test  ## a live cluster: exact answers, whateve
 web-bench: $(VENV)/.installed-web  ## what the page must hold: first picture, frames, clicks, drops, many clients
 	$(BIN)/python tests/benchmarks/web.py
 
-# BENCH_SIZES=1000,13600 picks the sizes of the databases; they are kept in indexes/bench.
+# BENCH_SIZES=1000,13600 picks the sizes of the databases, which are kept in indexes/bench; BENCH_PARTS=search,find
+# picks parts.
 bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
 	$(BIN)/python tests/benchmarks/bench.py
 

@@ -19,6 +19,7 @@ from m2t_text.util.workers import cores, follow_parent
 MISSED, CLUTTER = 0.1, 0.03  # shares of a map's keypoints that are not seen again, and that are new
 JITTER = 0.03  # m; standard deviation of each point
 VIEWPOINT = (0.2, 0.2, np.radians(1.0))  # m, m, rad; standard deviations of the planned viewpoint
+STRETCH = 10.0  # m of travel; maps nearer than this were seen on one visit
 CHUNK = 64
 
 
@@ -47,8 +48,7 @@ def database(base: MapIndex, maps: int, folder: Path) -> MapIndex:
 def visits(base: MapIndex, maps: int) -> Iterator[Document]:
     """The documents of a database, evenly from all of the base."""
     texts = [document.text for document in base.documents() if len(document.text)]
-    rounds = -(-maps // len(texts))
-    chosen = np.linspace(0, len(texts) - 1, maps) if rounds == 1 else np.arange(maps) % len(texts)
+    chosen = _shown(len(texts), maps)
     chunks = [np.arange(k, min(k + CHUNK, maps)) for k in range(0, maps, CHUNK)]
     document = next(base.documents())
     with ProcessPoolExecutor(cores(None), initializer=follow_parent) as pool:
@@ -89,6 +89,23 @@ def mirror_image(document: Document, dataset: str, parameters: Parameters) -> Do
         centre_of_gravity=document.centre_of_gravity * [1, -1],
         text=replace(seen, free=squares),
     )
+
+
+def _shown(places: int, maps: int) -> np.ndarray:
+    """Of which map of the base each map of a database is a visit."""
+    return np.linspace(0, places - 1, maps).astype(int) if maps <= places else np.arange(maps) % places
+
+
+def other_visits(base: MapIndex, count: int, maps: int) -> Iterator[tuple[Text, np.ndarray]]:
+    """Queries, and which maps of a database (``maps``,) each may find: none of the same stretch of its drive,
+    so that its place is there only where the robot came by another time."""
+    documents = [document for document in base.documents() if len(document.text)]
+    datasets = np.array([document.dataset for document in documents])
+    middles = np.array([document.middle for document in documents])
+    shown, rng = _shown(len(documents), maps), np.random.default_rng(10**9)
+    for number in np.linspace(0, len(documents) - 1, count).astype(int).tolist():
+        same = (datasets == datasets[number]) & (np.abs(middles - middles[number]) <= STRETCH)
+        yield seen_again(documents[number].text, base.parameters, rng), ~same[shown]
 
 
 def _described(job: tuple[np.ndarray, list[Text], Parameters]) -> list[Text]:

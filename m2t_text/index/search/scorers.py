@@ -112,46 +112,56 @@ class FineScratch(threading.local):
         self.room = FINE.scratch()
 
 
+class AgreementQuery:
+    """A query as it is compared with maps: seen in several directions, and in tables.
+
+    Tables are made when first used: verification needs no bounds, most searches no fine ones.
+    """
+
+    def __init__(self, text: Text, window: int, turns: tuple[int, ...], directions: int) -> None:
+        self.size = len(text)
+        self.window = window
+        seen = views(text, turns, directions)
+        near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0, initial=0) <= REACH
+        cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
+        self.seen = Views(seen.angles, *cells)
+
+    @cached_property
+    def tables(self) -> agreement.AgreementTables:
+        """For scores."""
+        return agreement.AgreementTables.of(self.seen, self.window)
+
+    @cached_property
+    def coarse(self) -> CoarseTables:
+        """For estimates and coarse bounds."""
+        return CoarseTables.of(self.seen)
+
+    @cached_property
+    def tiles(self) -> TileTables:
+        """For the sieve."""
+        return TileTables.of(self.seen)
+
+    @cached_property
+    def fine(self) -> FineTables:
+        """For fine bounds."""
+        return FineTables.of(self.seen, self.coarse)
+
+
 class AgreementScorer:
     """The share of keypoints that match at the agreed offset."""
 
     estimates_are_bounds = False
 
-    def __init__(
-        self, text: Text, whole: Collection, window: int, turns: tuple[int, ...], directions: int
-    ) -> None:
+    def __init__(self, query: AgreementQuery, whole: Collection) -> None:
+        self._query = query
         self._whole = whole
-        self._size = len(text)
-        self._window = window
-        seen = views(text, turns, directions)
-        near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0, initial=0) <= REACH
-        cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
-        self._seen = Views(seen.angles, *cells)
         self._coarse_scratch = CoarseScratch()
         self._fine_scratch = FineScratch()
 
-    # Tables are made when first used: verification needs no bounds, most searches no fine ones.
-
-    @cached_property
-    def _tables(self) -> agreement.AgreementTables:
-        return agreement.AgreementTables.of(self._seen, self._window)
-
-    @cached_property
-    def _coarse(self) -> CoarseTables:
-        return CoarseTables.of(self._seen)
-
-    @cached_property
-    def _tiles(self) -> TileTables:
-        return TileTables.of(self._seen)
-
-    @cached_property
-    def _fine(self) -> FineTables:
-        return FineTables.of(self._seen, self._coarse)
-
     def estimate(self, name: str, documents: Documents) -> Floats:
         shares = np.zeros(len(documents))
-        if len(self._seen.wa):
-            bounds.estimates(self._texts(name), documents, self._coarse, shares)
+        if len(self._query.seen.wa):
+            bounds.estimates(self._texts(name), documents, self._query.coarse, shares)
         return shares
 
     @cached_property
@@ -161,29 +171,31 @@ class AgreementScorer:
 
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
         reaching, needed = np.ones(len(documents), dtype=np.bool_), self._needed(name, documents, threshold)
-        tiles.may_reach(self._whole.tiles[name], documents, self._tiles, needed, reaching)
+        tiles.may_reach(self._whole.tiles[name], documents, self._query.tiles, needed, reaching)
         return reaching
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
         if not self._bounded:
-            return np.full(len(documents), float(len(self._seen.wa) > 0))
+            return np.full(len(documents), float(len(self._query.seen.wa) > 0))
         needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
         texts, room = self._texts(name), self._coarse_scratch.room
-        bounds.coarse_bounds(texts, documents, self._coarse, self._fine, needed, room, most)
+        bounds.coarse_bounds(texts, documents, self._query.coarse, self._query.fine, needed, room, most)
         return most / self._sizes(name, documents)
 
     def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
         if not self._bounded:
-            return np.full(len(documents), float(len(self._seen.wa) > 0))
+            return np.full(len(documents), float(len(self._query.seen.wa) > 0))
         needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
         rooms = self._coarse_scratch.room, self._fine_scratch.room
-        bounds.fine_bounds(self._texts(name), documents, self._coarse, self._fine, needed, *rooms, most)
+        bounds.fine_bounds(
+            self._texts(name), documents, self._query.coarse, self._query.fine, needed, *rooms, most
+        )
         return most / self._sizes(name, documents)
 
     @property
     def _bounded(self) -> bool:
         """Whether there is more to say than that a share is at most 1."""
-        return len(self._seen.wa) > 0 and self._window <= WINDOW
+        return len(self._query.seen.wa) > 0 and self._query.window <= WINDOW
 
     def _needed(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
         """The least |Q'| + |M'| with which documents reach the threshold."""
@@ -193,12 +205,12 @@ class AgreementScorer:
         return needed.astype(np.int32)
 
     def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
-        if not len(self._seen.wa) or not len(documents):
+        if not len(self._query.seen.wa) or not len(documents):
             return Scores.none(len(documents))
         both, matched = np.zeros(len(documents), dtype=np.int32), np.zeros(len(documents), dtype=np.int32)
         found = np.zeros((len(documents), 3), dtype=np.int32)
-        agreement.agree(self._texts(name), documents, self._tables, both, matched, found)
-        alignment = np.column_stack([found[:, 1:], self._seen.angles[found[:, 0]]])
+        agreement.agree(self._texts(name), documents, self._query.tables, both, matched, found)
+        alignment = np.column_stack([found[:, 1:], self._query.seen.angles[found[:, 0]]])
         return Scores(both / self._sizes(name, documents), matched, alignment)
 
     def _texts(self, name: str) -> Texts:
@@ -207,4 +219,4 @@ class AgreementScorer:
     def _sizes(self, name: str, documents: Documents) -> NDArray[np.int64]:
         """|Q| + |M| of documents."""
         starts = self._texts(name).starts
-        return self._size + starts[documents + 1] - starts[documents]
+        return self._query.size + starts[documents + 1] - starts[documents]

@@ -12,7 +12,7 @@ from m2t_text.description.text import Text
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.search.collection import Collection, SegmentTexts, collection, segment_name
-from m2t_text.index.search.scorers import AgreementScorer, BagScorer, IntersectionScorer
+from m2t_text.index.search.scorers import AgreementQuery, AgreementScorer, BagScorer, IntersectionScorer
 from m2t_text.index.search.top_k import Scorer, TopK
 
 Method = Literal["m2t", "bow"]
@@ -83,7 +83,18 @@ class OffsetAgreement(MapWeighting):
     directions: int = 3
 
     def text_scorer(self, text: Text, whole: Collection) -> Scorer:
-        return AgreementScorer(text, whole, self.window, self.turns, self.directions)
+        return AgreementScorer(self._query(text), whole)
+
+    def _query(self, text: Text) -> AgreementQuery:
+        """The text in tables; where several indexes are searched as one, it is made once for all of them."""
+        latest = _latest.get("query")
+        if latest is None or latest[0] is not text or latest[1] != self:
+            made = AgreementQuery(text, self.window, self.turns, self.directions)
+            _latest["query"] = latest = (text, self, made)
+        return latest[2]
+
+
+_latest: dict[str, tuple[Text, OffsetAgreement, AgreementQuery]] = {}
 
 
 def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:

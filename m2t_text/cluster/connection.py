@@ -38,6 +38,9 @@ SETTINGS = {
     "RAY_py_gcs_connect_timeout_s": "5",  # for who has a wrong token, or asks for a head that hangs
     "RAY_gcs_rpc_server_connect_timeout_s": "5",
 }
+ASKING = {
+    "RAY_gcs_rpc_server_reconnect_timeout_s": "1000000"
+}  # otherwise Ray ends a process that lost the head
 
 
 def token_file() -> Path:
@@ -78,13 +81,13 @@ def settings(make_token: bool = False) -> dict[str, str]:
     return SETTINGS | {"RAY_AUTH_TOKEN": token(make_token), "PYTHONPATH": path}
 
 
-def loaded(host: str) -> Any:
-    """Ray itself, ready for a cluster on this host's interface.
+def loaded(host: str, asking: bool = False) -> Any:
+    """Ray itself, ready for a cluster on this host's interface, to be asked or to be a node of it.
 
     Raises:
         ClusterError: if it is not installed.
     """
-    os.environ.update(settings())
+    os.environ.update(settings() | (ASKING if asking else {}))
     try:
         import ray
         from ray._private import services
@@ -110,7 +113,7 @@ def connected(address: str) -> Iterator[Any]:
     """
     host, port = split(address)
     own = own_address(host, port)
-    ray = loaded(own)
+    ray = loaded(own, asking=True)
     if ray.is_initialized():
         if ray.get_runtime_context().gcs_address != f"{host}:{port}":
             raise ClusterError(f"this process is connected to another cluster than {address} already")

@@ -1,5 +1,7 @@
 """Asking servers on many machines: another one if one fails or takes long, and an error rather than less."""
 
+import threading
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from time import monotonic, sleep
@@ -9,12 +11,15 @@ from m2t_text.cluster.cluster_index import ClusterIndex
 from m2t_text.cluster.connection import NAMESPACE, connected
 from m2t_text.cluster.manifest import Manifest
 from m2t_text.cluster.servers import KEEPER, Served, Status
+from m2t_text.cluster.shard import Search
 from m2t_text.errors import ClusterError, DamageError, M2TError, listed
 
 Question = tuple[str, int, tuple[Any, ...]]  # a method, the generation, and further arguments
 
 PATIENCE = 2.0  # s after which another server is asked as well
 ANSWERED = 60.0  # s in which every shard must have answered
+AVOIDED = 30.0  # s for which a server that failed is asked after the others
+HELD = 10_000  # searches and shards
 PARTIAL = 8.0  # s after which an answer is given without the others, where that is allowed
 RETRY = 0.2  # s between two rounds, where all servers of a shard have failed
 KEEPER_SECONDS = 5.0  # for the keeper to say who serves what
@@ -45,7 +50,9 @@ class RayCarrier:
         self._ray, self._address = ray, address
         self._handles: dict[str, Any] = {}
         self._served: Served | None = None
-        self._last: dict[int, str] = {}  # who answered for each shard last, and holds searches that were begun
+        self._holders: OrderedDict[tuple[str, int], str] = OrderedDict()  # of searches that were begun
+        self._failed: dict[str, float] = {}  # when a server failed, or took too long
+        self._lock = threading.Lock()
 
     def manifest(self) -> Manifest:
         """That of the generation that is served. Raises ClusterError if nothing is."""
@@ -96,11 +103,15 @@ class RayCarrier:
             )
         return answers
 
-    def servers(self, number: int) -> list[str]:
-        """Who answers for a shard, who did last first."""
+    def servers(self, number: int, key: str) -> list[str]:
+        """Who answers for a shard: first who has begun the search of this key, and last who failed lately."""
         names = list(self._served.table.get(number, ())) if self._served else []
-        last = self._last.get(number)
-        return sorted(names, key=lambda name: name != last)
+        first = int(key, 16) % len(names) if names and key else 0  # searches are spread over all
+        turned = names[first:] + names[:first]
+        holder, now = self._holders.get((key, number)), monotonic()
+        return sorted(
+            turned, key=lambda name: (now - self._failed.get(name, -AVOIDED) < AVOIDED, name != holder)
+        )
 
     def send(self, name: str, question: "Question", numbers: list[int]) -> Any:
         """A reference to what a server will answer for these shards."""
@@ -117,13 +128,18 @@ class RayCarrier:
         answer: dict[int, Any] = self._ray.get(reference)
         return answer
 
-    def answered(self, name: str, numbers: Iterable[int]) -> None:
-        """Remembers who answered."""
-        self._last.update(dict.fromkeys(numbers, name))
+    def answered(self, name: str, numbers: Iterable[int], key: str) -> None:
+        """Remembers who has begun a search."""
+        with self._lock:
+            self._holders.update({(key, number): name for number in numbers})
+            while len(self._holders) > HELD:
+                self._holders.popitem(last=False)
 
-    def forget(self, name: str) -> None:
-        """Looks a server up anew when it is asked next."""
-        self._handles.pop(name, None)
+    def failed(self, name: str, gone: bool) -> None:
+        """Asks others first for a while; a server that is ``gone`` is looked up anew when it is asked next."""
+        self._failed[name] = monotonic()
+        if gone:
+            self._handles.pop(name, None)
 
     @property
     def failure(self) -> type[Exception]:
@@ -151,6 +167,8 @@ class _Asking:
         self._pending: dict[Any, tuple[str, list[int]]] = {}
         self._tried: dict[int, set[str]] = {number: set() for number in numbers}
         self._damage: DamageError | None = None
+        arguments = question[2]
+        self._key = arguments[0].key if arguments and isinstance(arguments[0], Search) else ""
 
     def answers(self, seconds: float) -> dict[int, Any]:
         """What is answered within so many seconds, by shard."""
@@ -166,6 +184,9 @@ class _Asking:
             done = self._carrier.receive(list(self._pending), min(PATIENCE, end - monotonic()))
             for reference in done:
                 self._hear(reference)
+            if not done:
+                for name, _ in self._pending.values():
+                    self._carrier.failed(name, gone=False)
             awaited = {number for _, numbers in self._pending.values() for number in numbers}
             # Whoever takes long may be gone, and who failed is: others are asked.
             self._send([number for number in self._open if not done or number not in awaited])
@@ -180,7 +201,10 @@ class _Asking:
     def _send(self, numbers: list[int]) -> None:
         chosen: dict[str, list[int]] = {}
         for number in numbers:
-            name = next((one for one in self._carrier.servers(number) if one not in self._tried[number]), None)
+            name = next(
+                (one for one in self._carrier.servers(number, self._key) if one not in self._tried[number]),
+                None,
+            )
             if name is not None:
                 self._tried[number].add(name)
                 chosen.setdefault(name, []).append(number)
@@ -202,10 +226,10 @@ class _Asking:
                 raise cause from error
             self._failed(name, error)
             return
-        self._carrier.answered(name, numbers)
+        self._carrier.answered(name, numbers, self._key)
         for number in numbers:
             self._answers.setdefault(number, answer[number])
 
     def _failed(self, name: str, error: Exception) -> None:
         self.problem = str(error).strip().splitlines()[0][:200]
-        self._carrier.forget(name)
+        self._carrier.failed(name, gone=True)

@@ -1,5 +1,6 @@
 """What answers for shards: their indexes opened, and searches between their two steps."""
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,26 +54,31 @@ class ShardServer:
         self._manifests: dict[int, Manifest] = {}
         self._indexes: dict[str, MapIndex] = {}
         self._begun: OrderedDict[tuple[str, int], Ranking] = OrderedDict()
+        self._lock = threading.Lock()  # where many searches go on at once, what they share is changed by one
 
     def begin(self, generation: int, number: int, search: Search) -> tuple[NDArray[np.float64], bool]:
         """The first step: (K,) the best scores that are known after it, ``top`` at most; and whether they are
         those of a sample, so that `narrow` knows better."""
         ranking = self._ranking(generation, number, search)
-        self._begun[search.key, number] = ranking
-        while len(self._begun) > BEGUN:
-            self._begun.popitem(last=False)[1].close()
+        with self._lock:
+            self._begun[search.key, number] = ranking
+            while len(self._begun) > BEGUN * len(self._indexes):
+                self._begun.popitem(last=False)[1].close()
         return ranking.begin()
 
     def narrow(self, generation: int, number: int, search: Search, floor: float) -> NDArray[np.float64]:
         """A step between: the best scores of all maps that may reach the floor."""
         if (search.key, number) not in self._begun:
             self.begin(generation, number, search)
-        return self._begun[search.key, number].narrow(floor)
+        with self._lock:
+            ranking = self._begun[search.key, number]
+        return ranking.narrow(floor)
 
     def finish(self, generation: int, number: int, search: Search, floor: float) -> list[Hit]:
         """The last step: the best hits, none below the floor. Steps that another server took, it takes anew."""
-        ranking = self._begun.pop((search.key, number), None) or self._ranking(generation, number, search)
-        with ranking:
+        with self._lock:
+            begun = self._begun.pop((search.key, number), None)
+        with begun or self._ranking(generation, number, search) as ranking:
             return self.opened(generation, number).hits(ranking, search.top, search.texts, floor)
 
     def find_document(self, generation: int, number: int, map_id: str) -> Document | None:
@@ -94,13 +100,14 @@ class ShardServer:
 
     def opened(self, generation: int, number: int) -> MapIndex:
         """The index of a shard in a generation."""
-        manifest = self._manifest(generation)
-        if number >= len(manifest.shards):
-            raise ClusterError(f"generation {generation} of {self._store.path} has no shard {number}")
-        shard = manifest.shards[number]
-        if shard.folder not in self._indexes:
-            self._indexes[shard.folder] = self._store.opened(shard)
-        return self._indexes[shard.folder]
+        with self._lock:
+            manifest = self._manifest(generation)
+            if number >= len(manifest.shards):
+                raise ClusterError(f"generation {generation} of {self._store.path} has no shard {number}")
+            shard = manifest.shards[number]
+            if shard.folder not in self._indexes:
+                self._indexes[shard.folder] = self._store.opened(shard)
+            return self._indexes[shard.folder]
 
     def _manifest(self, generation: int) -> Manifest:
         if generation not in self._manifests:
@@ -115,7 +122,7 @@ class ShardServer:
     def _ranking(self, generation: int, number: int, search: Search) -> Ranking:
         index = self.opened(generation, number)
         weighted = getattr(index.model(search.method), "weighted", False)
-        whole = self._manifest(generation).statistics if weighted else None
+        whole = self._manifests[generation].statistics if weighted else None
         return index.ranking(
             search.text,
             search.top,

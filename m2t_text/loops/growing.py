@@ -14,7 +14,6 @@ from whoosh.query import And, Term
 
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
-from m2t_text.index.results import Hit
 from m2t_text.index.writing.folder import holds_index
 from m2t_text.loops.lookup import known_before
 from m2t_text.recognition.finding import VERIFIED, judge, verify_hits
@@ -95,13 +94,9 @@ def same_place(index: MapIndex, document: Document) -> Iterator[Found]:
     for name, group in groupby(verified, key=lambda found: found.hit.document.dataset):
         there = list(group)
         within = And([Term("dataset", name), known])
-        search = partial(_searched, index, document, within)
+        search = partial(index.search, document.text, filter=within)
         if judge(index, query, there, search, Trail(())).verdict == "match":
             yield from (found for found in there if _seen_from_there(there[0], found))
-
-
-def _searched(index: MapIndex, document: Document, within: And, top: int) -> list[Hit]:
-    return index.search(document.text, top, filter=within)
 
 
 def _seen_from_there(best: Found, found: Found) -> bool:

@@ -261,7 +261,9 @@ def memory(log: Log) -> None:
             taken += 1
             if taken == 1000:
                 early = resident()
-    print(f"resident memory: {early / 1e6:.1f} MB after 1,000 scans, {resident() / 1e6:.1f} MB after {taken:,}")
+    late = resident()
+    print(f"resident memory: {early / 1e6:.1f} MB after 1,000 scans, {late / 1e6:.1f} MB after {taken:,},")
+    print(f"  {100 * (late / early - 1):+.1f} %")
 
 
 def resident() -> int:

@@ -14,6 +14,7 @@ from m2t_text.live.survey import LiveSurvey
 from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.loops.growing import PLACE, GrowingDataset, same_place
 from m2t_text.pipeline import describe
+from m2t_text.recognition.finding import VERIFIED
 from m2t_text.util.geometry import compose
 
 DEFAULT = PROFILES["default"]
@@ -74,6 +75,16 @@ def test_the_same_place_is_where_it_was_seen_from(days: list, tmp_path: Path) ->
             ends = (_viewpoint(true, hit), _viewpoint(truth, document))
             assert np.hypot(*(ends[0] - ends[1])[:2]) <= PLACE + 0.3
     assert seen >= 5
+
+
+def test_a_place_of_more_maps_than_are_verified(days: list, tmp_path: Path) -> None:
+    """Where all the best hits show one place, it is asked whether another is as likely."""
+    (first, _), (second, _), _ = days
+    index = MapIndex.create(tmp_path / "often", DEFAULT)
+    again = [replace(one, first_scan=one.first_scan + 1000 * k) for one in first[:4] for k in range(40)]
+    index.replace(first[0].dataset, sorted(again, key=lambda one: one.first_scan))
+    counts = [len(list(same_place(index, document))) for document in second[:4]]
+    assert max(counts) == VERIFIED
 
 
 def _viewpoint(truth: np.ndarray, document: Document) -> np.ndarray:

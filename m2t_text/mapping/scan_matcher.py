@@ -9,6 +9,7 @@ import numpy as np
 from m2t_text.logs.log import Scan
 from m2t_text.mapping.registration import fit, register
 from m2t_text.mapping.scan_cloud import ScanCloud, scan_cloud
+from m2t_text.mapping.wheel_slip import WheelSlip
 from m2t_text.mapping.wide_search import register_widely
 from m2t_text.util.geometry import between, compose, wrap
 from m2t_text.util.types import Floats
@@ -18,6 +19,10 @@ REFERENCE = (4.0, 2, 8)  # m of travel looked back, least and greatest number of
 WORTH_A_SEARCH = (0.05, 0.03)  # m and rad of motion below which odometry is near enough for ICP alone
 SEARCH_SIGMAS = 2.5  # half-width of the search, in standard deviations of the prediction
 WIDEST = (2.0, 2.0)  # m and rad; no wider, however far odometry leaps: five real logs need 0.95 m and 1.7 rad
+SLIP = 0.2  # m per m by which bad wheels err from one scan to the next
+DENSE = (0.15, np.radians(10.0))  # m and rad from one scan to the next, at most: both see nearly the same
+WALKERS = 0.15  # share of a scan that people may be who walk along with the robot
+LOOK_BACK = 1.0  # m of travel over which it is seen whether scans and wheels differ by too much
 HELD = (0.005, 0.015)  # share of walls across a direction below which nothing holds it, and above which they do
 # Without wheels, the last motion is the guess for the next:
 SURPRISE = np.array([0.5, 0.4])  # m and rad by which that errs, before anything is known of the drive;
@@ -30,10 +35,11 @@ WIDER, CLEARLY = 3.0, 0.1  # so many times as wide, and taken if so many more fi
 
 @dataclass(frozen=True)
 class KeyScan:
-    """A scan that later ones are matched against: its cloud, pose (3,), and metres of travel up to it."""
+    """A scan that later ones are matched against: its cloud, pose (3,), odometry (3,), and metres of travel."""
 
     cloud: ScanCloud
     pose: Floats
+    odometry: Floats
     way: float
 
 
@@ -65,27 +71,47 @@ class ScanMatcher:
             pose = self._matched_alone(cloud)
         elif last is not None:
             self._way += float(np.hypot(*(scan.odometry - last.odometry)[:2]))
-            pose = self._matched(cloud, between(last.odometry, scan.odometry))
+            pose = self._matched(cloud, scan.odometry, between(last.odometry, scan.odometry))
         if not self._keys or _far(self._keys[-1].pose, pose):
-            self._keys.append(KeyScan(cloud.solid if alone else cloud, pose, self._way))
+            if self._keys and not alone:
+                key = self._keys[-1]
+                self._slip.learn(between(key.odometry, scan.odometry), between(key.pose, pose))
+            self._keys.append(KeyScan(cloud.solid if alone else cloud, pose, scan.odometry, self._way))
         self._last, self._pose = scan, pose
         return pose
 
     def _forget_motion(self) -> None:
         self._motion = np.zeros(3)
         self._surprise = SURPRISE**2
+        self._slip = WheelSlip()
 
-    def _matched(self, cloud: ScanCloud, motion: Floats) -> Floats:
-        """The pose (3,) of a scan where the wheels tell a motion (3,) since the last one."""
+    def _matched(self, cloud: ScanCloud, odometry: Floats, motion: Floats) -> Floats:
+        """The pose (3,) of a scan at this ``odometry`` (3,), after a ``motion`` (3,) of the wheels.
+
+        Where scans are dense, each may slip by all of its way: a person who walks ahead would hold the robot.
+        So the way of a metre is compared with the wheels', and they are believed where they fit about as well.
+        """
+        pose, inliers = self._near(compose(self._pose, motion), cloud, motion)
+        key = next((key for key in self._keys if self._way - key.way <= LOOK_BACK), self._keys[-1])
+        driven = between(key.odometry, odometry)
+        dense = float(np.hypot(*motion[:2])) < DENSE[0] and abs(float(motion[2])) < DENSE[1]
+        if not dense or not self._slip.doubts(driven, between(key.pose, pose)):
+            return pose
+        by_wheels = compose(key.pose, driven)
+        by_wheels[2] = pose[2]
+        other, fitting = self._near(by_wheels, cloud, np.zeros(3))
+        return other if fitting > inliers - WALKERS else pose
+
+    def _near(self, predicted: Floats, cloud: ScanCloud, motion: Floats) -> tuple[Floats, float]:
+        """The pose (3,) of a scan near a predicted one, after a motion (3,) by the wheels, and its inliers."""
         distance, turn = float(np.hypot(*motion[:2])), abs(float(motion[2]))
         # A bad wheel odometry's errors: slip in proportion to the way, and heading errors from both.
-        sigma = np.array([0.05 + 0.2 * distance, 0.03 + 0.3 * turn + 0.1 * distance])
+        sigma = np.array([0.05 + SLIP * distance, 0.03 + 0.3 * turn + 0.1 * distance])
         search = distance > WORTH_A_SEARCH[0] or turn > WORTH_A_SEARCH[1]
         window = np.minimum(SEARCH_SIGMAS * sigma, WIDEST) if search else np.zeros(2)
-        predicted = compose(self._pose, motion)
         seen = self._reference(predicted)
-        shift, _ = register(seen.points, seen.normals, cloud.points, window[0], window[1], sigma)
-        return compose(predicted, _as_held(seen, cloud, shift))
+        shift, inliers = register(seen.points, seen.normals, cloud.points, window[0], window[1], sigma)
+        return compose(predicted, _as_held(seen, cloud, shift)), inliers
 
     def _matched_alone(self, cloud: ScanCloud) -> Floats:
         """The pose (3,) of a scan where nothing but the last motion predicts it."""

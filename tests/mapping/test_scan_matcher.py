@@ -86,6 +86,35 @@ def test_in_a_corridor_without_ends_the_wheels_hold() -> None:
     assert pose == pytest.approx([3.9, 0.0, 0.0], abs=0.05)
 
 
+def walked_ahead(k: int, pace: float) -> Scan:
+    """The scan of a robot that has gone k times 2 cm along it, 1.6 m behind a person of this pace."""
+    scan = corridor(0.01, k)
+    person = np.abs(np.tan(scan.angles)) * (1.6 + (pace - 0.02) * k) < 0.25
+    ahead = (1.6 + (pace - 0.02) * k) / np.cos(np.where(person, scan.angles, 0.0))
+    ranges = np.where(person & (ahead < scan.ranges), ahead, scan.ranges)
+    return replace(scan, ranges=ranges, odometry=np.array([0.02 * k, 0.0, 0.0]))
+
+
+def test_a_person_who_walks_ahead_does_not_hold_the_robot() -> None:
+    """Scan for scan the person is all that stands across; the wheels know how far the robot went."""
+    matcher = ScanMatcher(np.zeros(3))
+    for k in range(200):
+        pose = matcher.add(walked_ahead(k, 0.02))
+    assert pose[0] == pytest.approx(200 * 0.02, abs=0.6) and abs(pose[1]) < 0.1
+
+
+def test_a_slip_of_the_wheels_is_no_motion() -> None:
+    """They turn on for a metre while the robot stands in a room."""
+    walls = room(0.05)
+    angles = np.arctan2(walls[:, 1], walls[:, 0])
+    order = np.argsort(angles)
+    scan = Scan(np.hypot(*walls.T)[order], angles[order], np.zeros(3))
+    matcher = ScanMatcher(np.zeros(3))
+    for k in range(60):
+        pose = matcher.add(replace(scan, odometry=np.array([0.02 * k, 0.0, 0.0])))
+    assert np.abs(pose).max() < 0.05
+
+
 def test_a_correction_is_held_by_what_stands_across() -> None:
     hall = scan_cloud(corridor(0.0, 0), np.zeros(3))
     shift = np.array([0.3, 0.02, 0.0])

@@ -37,6 +37,18 @@ def register_widely(
 
     The few best places that are apart are refined, and the one that fits best then is the answer.
     """
+    poses, fits, inliers = fitting_places(reference, normals, scan, window, turn, sigma)
+    chosen = int(np.argmax(fits))
+    return poses[chosen], float(inliers[chosen])
+
+
+def fitting_places(
+    reference: Floats, normals: Floats, scan: Floats, window: float, turn: float, sigma: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """The few best places of a scan, refined: poses (K, 3), their log-likelihoods and inlier ratios (K,).
+
+    Arguments as for `register`; K >= 1. Places that were apart may have become one.
+    """
     grid = likelihood_grid()
     fill_likelihood(reference, grid)
     scan = np.ascontiguousarray(scan)
@@ -56,8 +68,7 @@ def register_widely(
     poses = places[scores > NOTHING] if scores[0] > NOTHING else places[:1]
     inliers = refine(reference, normals, scan, sigma, poses)
     fits = np.array([_fit(grid, scan, pose, sigma) for pose in poses])
-    chosen = int(np.argmax(fits))
-    return poses[chosen], float(inliers[chosen])
+    return poses, fits, inliers
 
 
 def _pooled(grid: NDArray[np.float32]) -> NDArray[np.float32]:

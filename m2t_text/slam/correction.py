@@ -11,9 +11,10 @@ from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.graph import Edge
 from m2t_text.loops.uncertainty import PoseWithCovariance
 from m2t_text.mapping.trajectory import without_wheels
+from m2t_text.slam.closings import closings
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread
 from m2t_text.slam.neighbours import Neighbours, pairs_nearby
-from m2t_text.slam.optimisation import Constraints, optimise, robust_weights
+from m2t_text.slam.optimisation import Constraints, optimise, optimise_gradually, robust_weights
 from m2t_text.slam.wheels import wheel_steps
 from m2t_text.util.geometry import between, compose, inverse
 from m2t_text.util.types import Floats, Ints, StageProgress
@@ -64,12 +65,18 @@ def correct(detection: LoopDetection, jobs: int = 1, progress: StageProgress | N
         steps = matched.joined(wheel_steps(wheels, poses, keys))
         return steps.joined(loops).joined(behind).joined(nearby)
 
-    poses = optimise(poses, graph_at(poses, loops.chosen([])))
+    seeds = loops.chosen([])
+    poses = optimise_gradually(poses, graph_at(poses, seeds))
     known, moved = loops, np.inf
     for turn in range(ROUNDS):
-        last = moved <= SETTLED or turn == ROUNDS - 1
+        new = closings(keys, poses, known, jobs, partial(tell, f"coming back, round {turn + 1}"))
+        if len(new):
+            seeds, known = seeds.joined(new), known.joined(new)
+            poses = optimise_gradually(poses, graph_at(poses, seeds))
+        last = (moved <= SETTLED and not len(new)) or turn == ROUNDS - 1
         pairs = pairs_nearby(keys, poses, known)
         nearby = compared.nearby(pairs, poses, not last, partial(tell, f"closing loops, round {turn + 1}"))
+        nearby = seeds.joined(nearby)
         graph = graph_at(poses, nearby)
         before, poses = poses, optimise(poses, graph)
         moved = float(np.abs(poses - before)[:, :2].max())

@@ -35,6 +35,7 @@ SHIFT = (0.5, 0.15)  # m and rad; scans of one visit that move by more were conf
 REMAINDER = np.array([0.01, 0.01, 0.003])  # m, m, rad
 NOISE, CORRELATION = 0.01, 10.0  # m, least noise of points; so many points count as one
 WEAK = np.diag([1e-2, 1e-2, 1e-1])  # information that is taken for granted, as a matrix may be singular
+FALSE_HOLD = 0.01  # share of walls across a direction that may be noise of normals
 CHUNK = 512  # rows of distances at once
 
 
@@ -61,11 +62,11 @@ def pairs_nearby(keys: KeyScans, poses: Floats, known: Constraints) -> Ints:
     """
     tree = KDTree(poses[:, :2])
     found = []
-    for scan, reached in enumerate(_reached(keys, known)):
+    for scan, tied in enumerate(reached(keys, known, KNOWN)):
         near = np.sort(np.array(tree.query_ball_point(poses[scan, :2], NEAR), dtype=np.int64))
         other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > APART)
         near = near[(near < scan) & other]
-        near = near[reached[near]]
+        near = near[tied[near]]
         for visit in np.split(near, np.flatnonzero(np.diff(near) > VISIT) + 1):
             if len(visit):
                 away = np.hypot(*(poses[visit, :2] - poses[scan, :2]).T)
@@ -74,8 +75,8 @@ def pairs_nearby(keys: KeyScans, poses: Floats, known: Constraints) -> Ints:
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-def _reached(keys: KeyScans, known: Constraints) -> Iterator[NDArray[np.bool_]]:
-    """For each key scan, which ones (K,) lie within KNOWN metres of it by way of constraints."""
+def reached(keys: KeyScans, known: Constraints, limit: float) -> Iterator[NDArray[np.bool_]]:
+    """For each key scan, which ones (K,) lie within ``limit`` metres of it by way of constraints."""
     count = len(keys)
     steps = np.diff(keys.way) + 1e-3  # zero would be no edge
     same = np.flatnonzero(np.diff(keys.drives) == 0)
@@ -89,7 +90,7 @@ def _reached(keys: KeyScans, known: Constraints) -> Iterator[NDArray[np.bool_]]:
     graph = coo_array((np.array(list(shortest.values())), (rows, columns)), shape=(count, count)).tocsr()
     for begin in range(0, count, CHUNK):
         chunk = np.arange(begin, min(begin + CHUNK, count))
-        yield from np.isfinite(dijkstra(graph, directed=False, indices=chunk, limit=KNOWN))
+        yield from np.isfinite(dijkstra(graph, directed=False, indices=chunk, limit=limit))
 
 
 class Neighbours:
@@ -150,10 +151,40 @@ def _registered(
     near = np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
     points, normals = seen.points[near], seen.normals[near]
     shift, _ = register(points, normals, scan.points, *window, sigma)
-    hessian, noise, inliers = fit(points, normals, scan.points, shift)
+    information, inliers = _certainty(ScanCloud(points, normals), scan, shift, np.diag(REMAINDER**2))
+    return _Measured(compose(expected, shift), information, inliers, shift)
+
+
+def information_of(reference: ScanCloud, scan: ScanCloud, pose: Floats, remainder: Floats) -> Floats:
+    """(3, 3) of the ``pose`` (3,) of a scan in a reference's frame.
+
+    The ``remainder`` (3, 3) is its covariance beyond that of the fit.
+    """
+    seen = reference.moved(inverse(pose))
+    near = np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
+    information, _ = _certainty(ScanCloud(seen.points[near], seen.normals[near]), scan, np.zeros(3), remainder)
+    return information
+
+
+def _certainty(reference: ScanCloud, scan: ScanCloud, pose: Floats, remainder: Floats) -> tuple[Floats, float]:
+    """The information (3, 3) of a pose that was measured, and the share of inliers."""
+    hessian, noise, inliers = fit(reference.points, reference.normals, scan.points, pose)
     variance = max(noise, NOISE) ** 2 * CORRELATION
-    covariance = np.linalg.inv(hessian / variance + WEAK) + np.diag(REMAINDER**2)
-    return _Measured(compose(expected, shift), np.linalg.inv(covariance), inliers, shift)
+    covariance = np.linalg.inv(hessian / variance + WEAK) + remainder + _unheld(hessian, variance)
+    return np.linalg.inv(covariance).astype(float), inliers
+
+
+def _unheld(hessian: Floats, variance: float) -> Floats:
+    """(3, 3) covariance to be added along walls, where what seems to hold a scan may be noise."""
+    weight = hessian[0, 0] + hessian[1, 1]
+    if weight <= 0:
+        return np.zeros((3, 3))
+    values, directions = np.linalg.eigh(hessian[:2, :2])
+    seeming, held = values[0], max(values[0] - FALSE_HOLD * weight, 0.0)
+    more = 1.0 / (held / variance + WEAK[0, 0]) - 1.0 / (seeming / variance + WEAK[0, 0])
+    added = np.zeros((3, 3))
+    added[:2, :2] = more * np.outer(directions[:, 0], directions[:, 0])
+    return added
 
 
 def _constraints(pairs: Ints, measured: list[_Measured], kept: NDArray[np.bool_]) -> Constraints:

@@ -19,6 +19,7 @@ ITERATIONS = 50  # at most
 CONVERGED = (1e-5, 1e-6)  # m and rad; no pose moves by more in the last iteration
 DAMPING = (1e-9, 1e6)  # share of the diagonal added to it: from the start, and where nothing is tried any more
 LOSS_SCALE = 3.0  # standard deviations at which Cauchy's loss halves a constraint's weight
+GRADUAL = (1000.0, 100.0, 30.0, 10.0, LOSS_SCALE)  # the same, one after the other, from a start that is far off
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,18 @@ class Constraints:
         return np.einsum("ei,eij,ej->e", errors, self.information, errors)
 
 
-def optimise(vertices: Floats, constraints: Constraints, fixed: int = 0) -> Floats:
+def optimise_gradually(vertices: Floats, constraints: Constraints) -> Floats:
+    """The same as `optimise`, from a start so bad that constraints which are right look wrong.
+
+    First none is taken for wrong, then fewer and fewer are kept (Yang et al., "Graduated non-convexity for
+    robust spatial perception", IEEE Robotics and Automation Letters 5, 2020).
+    """
+    for scale in GRADUAL:
+        vertices = optimise(vertices, constraints, scale=scale)
+    return vertices
+
+
+def optimise(vertices: Floats, constraints: Constraints, fixed: int = 0, scale: float = LOSS_SCALE) -> Floats:
     """The vertices (V, 3) that fit the constraints best, one of them held where it is.
 
     Vertices that no constraint ties to the fixed one, directly or through others, stay where they are, up to
@@ -73,9 +85,9 @@ def optimise(vertices: Floats, constraints: Constraints, fixed: int = 0) -> Floa
     """
     if not len(constraints):
         return vertices
-    system = _System(len(vertices), constraints, fixed)
+    system = _System(len(vertices), constraints, fixed, scale)
     poses, damping = vertices, DAMPING[0]
-    cost = _cost(constraints, poses)
+    cost = _cost(constraints, poses, scale)
     for _ in range(ITERATIONS):
         hessian, gradient = system.linearised(poses)
         step = None
@@ -83,7 +95,7 @@ def optimise(vertices: Floats, constraints: Constraints, fixed: int = 0) -> Floa
             step = system.solved(hessian, gradient, damping).reshape(-1, 3)
             moved = poses + step
             moved[:, 2] = wrap(moved[:, 2])
-            lower = _cost(constraints, moved)
+            lower = _cost(constraints, moved, scale)
             if lower <= cost:
                 break
             step, damping = None, max(damping, 1e-6) * 10
@@ -95,23 +107,24 @@ def optimise(vertices: Floats, constraints: Constraints, fixed: int = 0) -> Floa
     return poses
 
 
-def robust_weights(constraints: Constraints, vertices: Floats) -> Floats:
+def robust_weights(constraints: Constraints, vertices: Floats, scale: float = LOSS_SCALE) -> Floats:
     """(E,) the share of its weight that each constraint keeps: Cauchy's where it is robust, 1 elsewhere."""
-    squared = constraints.squared_distances(vertices) / LOSS_SCALE**2
+    squared = constraints.squared_distances(vertices) / scale**2
     return np.where(constraints.robust, 1 / (1 + squared), 1.0)
 
 
-def _cost(constraints: Constraints, vertices: Floats) -> float:
+def _cost(constraints: Constraints, vertices: Floats, scale: float) -> float:
     squared = constraints.squared_distances(vertices)
-    capped = LOSS_SCALE**2 * np.log1p(squared / LOSS_SCALE**2)
+    capped = scale**2 * np.log1p(squared / scale**2)
     return float(np.where(constraints.robust, capped, squared).sum())
 
 
 class _System:
     """The normal equations; where their entries lie is found once."""
 
-    def __init__(self, count: int, constraints: Constraints, fixed: int) -> None:
+    def __init__(self, count: int, constraints: Constraints, fixed: int, scale: float) -> None:
         self._constraints = constraints
+        self._scale = scale
         self._size = 3 * count
         self._fixed = fixed
         local = np.arange(3)
@@ -132,7 +145,7 @@ class _System:
         constraints = self._constraints
         errors = constraints.errors(vertices)
         slopes = _slopes(constraints, vertices)
-        weights = robust_weights(constraints, vertices)[:, None, None] * constraints.information
+        weights = robust_weights(constraints, vertices, self._scale)[:, None, None] * constraints.information
         weighted = np.swapaxes(slopes, 1, 2) @ weights
         blocks = (weighted @ slopes).reshape(-1)
         pull = (weighted @ errors[:, :, None])[:, :, 0]

@@ -11,7 +11,7 @@ from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.export import to_g2o, write
 from m2t_text.loops.graph import pose_graph
 from m2t_text.slam.correction import constraints_of
-from m2t_text.slam.optimisation import Constraints, _slopes, optimise, robust_weights
+from m2t_text.slam.optimisation import Constraints, _slopes, optimise, optimise_gradually, robust_weights
 from m2t_text.util.geometry import between, compose
 
 
@@ -83,6 +83,25 @@ def test_one_wrong_loop_is_overruled_only_where_constraints_are_robust():
         weights = robust_weights(unsure, found)
     assert worst[False] > 1.0 and worst[True] < 0.15
     assert weights[:-1].min() > 0.9 and weights[-1] < 0.05
+
+
+def test_right_loops_that_look_wrong_at_first_win_gradually():
+    """A drive slipped by 3 m at one step, so that all its loops contradict the rest."""
+    truth = np.column_stack([np.r_[0:20.0, 20.0:0:-1], np.repeat([0.0, 1.0], 20), np.zeros(40)])
+    steps = [(k, k + 1) for k in range(39)]
+    loops = [(39 - k, k) for k in range(12)]
+    measured = [between(truth[i], truth[j]) for i, j in steps]
+    slipped = [step + np.array([3.0, 0.0, 0.0]) if k == 25 else step for k, step in enumerate(measured)]
+    start = np.concatenate([truth[:26], truth[26:] + np.array([3.0, 0.0, 0.0])])
+    tied = [between(truth[i], truth[j]) for i, j in loops]
+    stiff = replace(constraints(steps, slipped, robust=True), information=np.tile(np.eye(3) * 1e4, (39, 1, 1)))
+    firm = replace(constraints(loops, tied, robust=True), information=np.tile(np.eye(3) * 1e3, (12, 1, 1)))
+    graph = stiff.joined(firm)
+    at_once, gradually = (
+        robust_weights(graph, found(start, graph)) for found in (optimise, optimise_gradually)
+    )
+    assert at_once[39:].mean() < 0.1
+    assert gradually[39:].min() > 0.6
 
 
 def test_what_nothing_ties_stays_where_it_is():

@@ -107,11 +107,26 @@ def _print_absolute(assessments: list["Assessment"]) -> None:
             f"{one.loops:,}",
             str(one.wrong),
             *(f"{error:.3f}" for error in one.absolute.values()),
+            *_cells(one),
         ]
         for one in assessments
     ]
-    columns = dict.fromkeys(("log", "loops", "wrong", "odometry", "scan matching", "loops ", "map"), "right")
+    names = ("log", "loops", "wrong", "odometry", "scan matching", "loops ", "map", "precision", "recall")
+    columns = dict.fromkeys(names, "right")
     print_table("Absolute trajectory error in m, before and after", columns | {"log": "left"}, rows)
+    print_lines(
+        "Precision and recall: of the map's occupied cells of 0.1 m, against those at the corrected poses; "
+        "in brackets with the cells beside them"
+    )
+
+
+def _cells(one: "Assessment") -> list[str]:
+    cells = one.cells
+    assert cells is not None
+    return [
+        f"{100 * cells.precision:.1f} ({100 * cells.near_precision:.1f})",
+        f"{100 * cells.recall:.1f} ({100 * cells.near_recall:.1f})",
+    ]
 
 
 def _figures(figures: tuple[float, float], digits: int) -> str:

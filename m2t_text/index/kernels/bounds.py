@@ -22,7 +22,7 @@ from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, f
 from m2t_text.index.kernels.bound_tables import FIRST, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.simd import LANES, at, by_lane, bytes_at, every, full, gathered, put, some
-from m2t_text.index.kernels.unpacking import cells_of
+from m2t_text.index.kernels.unpacking import cells_of, some_cells_of
 from m2t_text.util.compiling import inner, kernel
 
 U = np.uint64
@@ -126,10 +126,8 @@ def estimates(texts: Texts, documents: Any, tables: CoarseTables, shares: Any) -
 def _estimates(texts: Any, documents: Any, tables: Any, room: Any, shares: Any) -> None:
     x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums[0]
     for k in range(len(documents)):
-        size = cells_of(texts, documents[k], x, y)
-        few = (size + SAMPLED - 1) // SAMPLED
-        for point in range(U(few)):
-            x[point], y[point] = x[point * U(SAMPLED)], y[point * U(SAMPLED)]
+        size = texts.starts[documents[k] + 1] - texts.starts[documents[k]]
+        few = some_cells_of(texts, documents[k], SAMPLED, x, y)
         count = _places(x, y, few, np.int64(0), np.int64(0), tables.masks, places)
         best = np.int64(0)
         for g in range(len(tables.cells)):

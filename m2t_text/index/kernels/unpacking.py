@@ -50,6 +50,23 @@ def cells_of(texts: Any, document: Any, x: Any, y: Any) -> Any:
 
 
 @inner
+def some_cells_of(texts: Any, document: Any, every: Any, x: Any, y: Any) -> Any:
+    """The same of every so many keypoints alone, from the first on."""
+    low_x, low_y, high = texts.x, texts.y, texts.high
+    begin, step = U(texts.starts[document]), U(every)
+    count = (texts.starts[document + 1] - texts.starts[document] + every - 1) // every
+    for k in range(U(count)):
+        x[k], y[k] = low_x[begin + step * k], low_y[begin + step * k]
+    first = U(texts.wide_starts[document])
+    if texts.wide_starts[document + 1] > texts.wide_starts[document]:
+        for k in range(U(count)):
+            place = U(2) * (first + step * k)
+            x[k] = np.int16(x[k] + np.int64(high[place]) * 256)
+            y[k] = np.int16(y[k] + np.int64(high[place + U(1)]) * 256)
+    return count
+
+
+@inner
 def words_of(texts: Any, document: Any, count: Any, wa: Any) -> None:
     """Writes the words of a document's ``count`` keypoints to the begin of ``wa``, and no more."""
     k, size, runs = U(0), U(count), texts.runs

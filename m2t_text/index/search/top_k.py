@@ -19,7 +19,7 @@ Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 SHARES = 32  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
-SAMPLE, EIGHTH = 16_384, 8  # of them, at most, and every eighth are looked at to find what is needed,
+SAMPLE = 16_384  # of them, at most, are looked at to find what is needed,
 FEW = 1024  # and of these so many to find what the sieve lets through
 LOOSE = 0.5  # share of them that a sieve lets through at most, if it is to be used
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
@@ -142,7 +142,14 @@ class TopK:
         if promising.every is not None:
             return promising
         least = max(floor, promising.floor, _last(promising.scores, promising.top))
-        return self._scored(self._sieved(least), promising.top, least, promising.wanted)
+        every = self._sieved(least)
+        if self._step > 1:
+            return self._scored(every, promising.top, least, promising.wanted)
+        kept = np.zeros(len(self._documents), dtype=np.bool_)  # the sample was of all
+        kept[every] = kept[promising.likely] = True
+        every = np.flatnonzero(kept)
+        likely = np.searchsorted(every, promising.likely)
+        return replace(promising, every=every, estimate=promising.estimate[every], likely=likely, floor=least)
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The last step of `best`: looks at the other documents.
@@ -181,7 +188,7 @@ class TopK:
     @property
     def _step(self) -> int:
         """From one document of the sample to the next."""
-        return max(EIGHTH, -(-len(self._documents) // SAMPLE))
+        return -(-len(self._documents) // SAMPLE)
 
     def _sieved(self, floor: float) -> NDArray[np.int64]:
         """The places of documents whose scores may reach the floor; all where that would be most of them."""

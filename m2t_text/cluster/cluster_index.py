@@ -14,10 +14,11 @@ from m2t_text.cluster.carrier import Carrier, InProcess
 from m2t_text.cluster.manifest import Manifest
 from m2t_text.cluster.remote import open_store
 from m2t_text.cluster.shard import Search
+from m2t_text.cluster.writing import sharded_writer
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
-from m2t_text.errors import DamageError, QueryError, listed
+from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
 from m2t_text.index.schema import schema
@@ -175,6 +176,18 @@ class ClusterIndex:
     def datasets(self) -> list[DatasetSummary]:
         """The datasets of all shards, ordered by name."""
         return self.manifest.datasets
+
+    def remove(self, *names: str) -> None:
+        """Removes datasets with all their maps, in one generation.
+
+        Raises:
+            MapIndexError: if no shard has one of them; nothing is removed then.
+        """
+        with sharded_writer(open_store(self.path), self.parameters) as writer:
+            for name in dict.fromkeys(names):
+                if name not in self.manifest.places:
+                    raise MapIndexError(self.lacking(name))
+                writer.remove(name)
 
     def lacking(self, dataset: str) -> str:
         """What to tell who names a dataset that no shard has."""

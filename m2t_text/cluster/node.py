@@ -134,7 +134,11 @@ def ray_arguments(node: Node) -> list[str]:
 
 def ray_folder() -> Path:
     """Where Ray keeps its sockets and logs; a short path, as those of sockets have to be."""
-    return Path("/tmp") / f"m2t-text-{os.getuid()}"
+    folder = Path("/tmp") / f"m2t-text-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.is_symlink() or folder.stat().st_uid != os.getuid():
+        raise ClusterError(f"{folder} belongs to somebody else; have it removed")
+    return folder
 
 
 def run_ray(arguments: list[str]) -> None:

@@ -62,6 +62,9 @@ class Searchable(Protocol):
     def datasets(self) -> list[DatasetSummary]:
         """The datasets ordered by name."""
 
+    def remove(self, *names: str) -> None:
+        """Removes datasets with all their maps, all or none. Raises MapIndexError."""
+
     def lacking(self, dataset: str) -> str:
         """What to tell who names a dataset that the index does not hold."""
 

@@ -24,7 +24,7 @@ from m2t_text.index.map_index import MapIndex
 from m2t_text.index.search import collection, top_k
 from m2t_text.recognition.answer import SearchOptions
 from m2t_text.recognition.answer import search as find_target
-from m2t_text.recognition.finding import find
+from m2t_text.recognition.finding import find, find_many
 from m2t_text.recognition.queries import Query
 
 WEIGHTED = replace(PROFILES["paper"], profile="weighted", matching=MatchingParameters(score="intersection"))
@@ -156,6 +156,16 @@ def test_verdicts_and_poses_are_those_of_one_index(driven):
             assert told[0] == told[1]
 
 
+def test_many_queries_at_once_are_answered_as_one_by_one(driven):
+    one, many = driven
+    queries = [Query.of(one.document(map_id)) for map_id in one.ids[::40]]
+    found = [list(find_many(index, queries, 5, exclude_travel=4.0)) for index in (one, many)]
+    assert [shown(result.hit for result in finding.results) for finding in found[0]] == [
+        shown(result.hit for result in finding.results) for finding in found[1]
+    ]
+    assert [finding.assessment for finding in found[0]] == [finding.assessment for finding in found[1]]
+
+
 def test_without_verification_the_order_is_the_same(driven):
     one, many = driven
     query = Query.of(next(one.documents("p2")))
@@ -231,6 +241,18 @@ def test_datasets_are_replaced_and_removed_where_they_lie_and_shards_are_added(t
         sharded_writer(Store(index.path), PROFILES["paper"]),
     ):
         pass
+
+
+def test_datasets_are_removed_all_or_none(tmp_path):
+    datasets = many(7, 4)
+    index = written(tmp_path / "shards", PROFILES["default"], datasets, 2)
+    with pytest.raises(MapIndexError, match="no dataset 'none'"):
+        index.remove("d1", "none")
+    assert len(index) == sum(map(len, datasets.values()))
+    index.remove("d1", "d3")
+    assert [one.name for one in index.datasets()] == ["d0", "d2"]
+    with pytest.raises(MapIndexError, match="has shards, which this cannot read"):
+        MapIndex.open(index.path)
 
 
 def test_a_change_that_fails_leaves_the_generation_before(tmp_path):

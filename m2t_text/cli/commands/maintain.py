@@ -11,11 +11,12 @@ import typer
 from m2t_text.cli.compiling import compile_first
 from m2t_text.cli.completion import datasets as names
 from m2t_text.cli.console import bars, note, print_held, print_json, print_lines, print_table
+from m2t_text.cli.opening import opened
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, JsonOption
 from m2t_text.sources.public_logs import LOGS, SOURCE
 
 if TYPE_CHECKING:
-    from m2t_text.index.map_index import MapIndex
+    from m2t_text.index.searchable import Searchable
 
 NICE = 5  # of a process that compiles beside another command
 
@@ -130,16 +131,14 @@ def remove(
     m2t-text remove monday
     m2t-text remove monday tuesday --index indexes/week
     """
-    from m2t_text.index.map_index import MapIndex
-
-    held = MapIndex.open(index)
-    before = len(held)
-    held.remove(*datasets)
-    if as_json:
-        _print_summary(held, {"removed": datasets})
-        return
-    print_lines(f"removed {', '.join(datasets)}: {before - len(held):,} maps")
-    print_held(held.info())
+    with opened(index) as held:
+        before = len(held)
+        held.remove(*datasets)
+        if as_json:
+            _print_summary(held, {"removed": datasets})
+            return
+        print_lines(f"removed {', '.join(datasets)}: {before - len(held):,} maps")
+        print_held(held.info())
 
 
 def optimize(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) -> None:
@@ -164,7 +163,7 @@ def optimize(index: IndexOption = DEFAULT_INDEX, as_json: JsonOption = False) ->
     print_held(held.info())
 
 
-def _print_summary(index: "MapIndex", more: dict[str, object]) -> None:
+def _print_summary(index: "Searchable", more: dict[str, object]) -> None:
     """What `info --json` prints of the index, and what was done."""
     print_json(index.info().to_json() | more)
 

@@ -79,6 +79,8 @@ def revision(folder: Path) -> str | None:
 
 def no_index(folder: Path) -> MapIndexError:
     """What to tell who names a folder without an index."""
+    if any(name.startswith("manifest-") for name in names(folder)):
+        return MapIndexError(f"the index in {folder} has shards, which this cannot read; see docs/cluster.md")
     return MapIndexError(f"no index in {folder}; make one with `m2t-text index`")
 
 

@@ -51,8 +51,9 @@ bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
 loops: $(VENV)/.installed-test  ## how far loops correct logs: make loops LOGS="a.log b.log"
 	$(BIN)/m2t-text evaluate-loops $(LOGS)
 
-# make calibrate LOGS="a.log b.log.gz": logs with corrected poses, beside simulated buildings.
-calibrate: $(VENV)/.installed  ## the coefficients of the verdict's probability, fitted and judged
+# make calibrate LOGS="a.log b.log.gz": logs with corrected poses, beside simulated buildings. What is looked up, which
+# takes minutes a log, is kept in indexes/calibration; the fit takes seconds.
+calibrate: $(VENV)/.installed  ## the coefficients of the verdict, fitted, and judged on logs left out
 	$(BIN)/python tests/benchmarks/calibrate.py $(LOGS)
 
 # SLAM_LOGS is the folder of the logs and relations, NAME.log.gz and NAME.relations.gz.

@@ -10,8 +10,8 @@ Examples:
     >>> index.add(m2t.open_source("drive.log"))
     >>> query = m2t.Query.of(m2t.describe_at(m2t.read_log("drive.log"), 40, index.parameters))
     >>> finding = m2t.find(index, query, top=3)
-    >>> finding.results[0].hit.map_id
-    'drive/000040'
+    >>> finding.verdict, finding.results[0].hit.document.dataset
+    ('match', 'drive')
 
 The names that the package offers stand in its stub, ``__init__.pyi``. Each is loaded when it is first used, so
 that importing the package is quick and writes nothing.

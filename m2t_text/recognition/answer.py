@@ -123,8 +123,8 @@ def search(
         >>> import m2t_text as m2t
         >>> index = m2t.MapIndex.open("indexes/default")
         >>> answer = m2t.search("drive.log@8", index, m2t.SearchOptions(top=1))
-        >>> answer.query.title == answer.finding.results[0].hit.map_id
-        True
+        >>> answer.finding.verdict
+        'match'
     """
     begin = perf_counter()
     index = index.pinned()

@@ -79,8 +79,8 @@ def find(
     if not verify:
         return Finding([Found(hit) for hit in hits], UNVERIFIED, searched, 0.0)
     begin = perf_counter()
-    trail = _trail(index, query, exclude, filter)
-    verified = _verified(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0], trail)
+    trail = trail_of(index, query, exclude, filter)
+    verified = verify_along(index, query, [hit for hit in hits[:VERIFIED] if hit.score > 0], trail)
     results = verified + [Found(hit) for hit in hits[len(verified) :]]
     assessment = judge(index, query, verified, search, trail)
     return Finding(results[: top or None], assessment, searched, perf_counter() - begin)
@@ -118,7 +118,7 @@ def find_many(
 
 
 def verify_hits(index: Searchable, query: Query, hits: Sequence[Hit]) -> list[Found]:
-    """The hits aligned with the query, that of the best fit first, ties by score and map id.
+    """The hits aligned with the query, the same map first, then by evidence; ties by score and map id.
 
     Examples:
         >>> import m2t_text as m2t
@@ -128,10 +128,10 @@ def verify_hits(index: Searchable, query: Query, hits: Sequence[Hit]) -> list[Fo
         >>> best.inlier_ratio, best.pose.round(2).tolist()
         (1.0, [0.0, 0.0, 0.0])
     """
-    return _verified(index, query, hits, Trail(()))
+    return verify_along(index, query, hits, Trail(()))
 
 
-def _verified(index: Searchable, query: Query, hits: Sequence[Hit], trail: Trail) -> list[Found]:
+def verify_along(index: Searchable, query: Query, hits: Sequence[Hit], trail: Trail) -> list[Found]:
     """The hits aligned with the query, and with the evidence of earlier texts, the best first."""
     texts = [hit.document.text if len(hit.document.text) else index.document(hit.map_id).text for hit in hits]
     alignments = align_variously(query.text, texts, index.parameters.mapping.cell)
@@ -140,12 +140,14 @@ def _verified(index: Searchable, query: Query, hits: Sequence[Hit], trail: Trail
         for hit, some in zip(hits, alignments, strict=True)
     ]
     posed = [replace(one, pose=_pose(query, one)) for one in found]
-    return sorted(posed, key=lambda one: (-_evidence(one), -one.hit.score, one.hit.map_id))
+    return sorted(posed, key=_order)
 
 
-def _evidence(found: Found) -> float:
+def _order(found: Found) -> tuple[bool, float, float, str]:
+    """The same map comes first, which a larger one that holds all of it may else outdo."""
     assert found.alignment is not None
-    return found.alignment.evidence
+    exact, evidence = found.alignment.fit.exact, found.alignment.evidence
+    return (not exact, -evidence, -found.hit.score, found.hit.map_id)
 
 
 def _pose(query: Query, found: Found) -> Floats | None:
@@ -154,7 +156,7 @@ def _pose(query: Query, found: Found) -> Floats | None:
     return relative_pose(query.document, found.hit.document, found.laid)
 
 
-def _trail(
+def trail_of(
     index: Searchable, query: Query, exclude: tuple[str, float, float] | None, filter: WhooshQuery | None
 ) -> Trail:
     """What the earlier texts of the query say, each looked up without the maps of its own visit."""
@@ -182,18 +184,18 @@ def judge(
     assert best is not None
     rival = strongest(verified[0], verified)
     others = (
-        partial(_symmetric, index, query, verified[0]),
-        partial(_elsewhere, index, query, verified, search),
+        partial(symmetric, index, query, verified[0]),
+        partial(elsewhere, index, query, verified, search),
     )
     for more in others:
-        assessment = assess(best.fit, rival, best.support)
+        assessment = assess(best.fit, rival)
         if assessment.verdict != "match":
             return assessment
         rival = strongest(verified[0], map(trail.supported, more()), rival)
-    return assess(best.fit, rival, best.support)
+    return assess(best.fit, rival)
 
 
-def _symmetric(index: Searchable, query: Query, best: Found) -> list[Found]:
+def symmetric(index: Searchable, query: Query, best: Found) -> list[Found]:
     """The query on the best map at other poses."""
     assert best.alignment is not None
     cell = index.parameters.mapping.cell
@@ -201,7 +203,7 @@ def _symmetric(index: Searchable, query: Query, best: Found) -> list[Found]:
     return [Found(best.hit, None, other) for other in other_poses(*rasters, best.alignment.pose)]
 
 
-def _elsewhere(
+def elsewhere(
     index: Searchable, query: Query, verified: Sequence[Found], search: Callable[..., list[Hit]]
 ) -> list[Found]:
     """The likeliest maps elsewhere that were not verified: one place may have more maps than those that were.

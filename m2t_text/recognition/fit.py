@@ -8,7 +8,8 @@ from m2t_text.util.geometry import inverse
 from m2t_text.util.types import Floats
 
 # Evidence for a pose, on a logarithmic scale: a handful of figures, the same for all maps (`make calibrate`).
-SEEN, INLIERS, CONFLICTS = 2.9, 18.0, -40.0  # for the logarithm of what both saw, and for two shares of it
+SEEN, INLIERS, CONFLICTS = 6.3, 29.8, -48.5  # for the logarithm of what both saw, and for two shares of it
+DISTANCE = -28.5  # for the mean distance of the inliers, metres: the most exact of what else fits alike
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class Fit:
         free_known: whether both texts tell what is free.
         grip: 0...0.5, the share of the inliers' walls that hold the pose in its loosest direction: 0 between
             two parallel walls, along which the query may slide.
+        distance: metres, the mean distance of the inliers from the keypoints that they lie near.
+        patch: keypoints in the largest patch of misfits of either map, as of a wall that the other one lacks.
     """
 
     keypoints: int
@@ -31,18 +34,23 @@ class Fit:
     conflicts: int
     free_known: bool
     grip: float
+    distance: float = 0.0
+    patch: int = 0
 
     @classmethod
     def of(cls, query: Raster, pose: Floats, found: Raster) -> "Fit":
         """Of a query in whose frame's place the ``pose`` (3,) is, as seen from the found map's frame."""
         here, there = overlaid(query, pose, found), overlaid(found, inverse(pose), query)
+        inliers = here.inliers + there.inliers
         return cls(
             keypoints=len(query.points) + len(found.points),
             seen=here.seen + there.seen,
-            inliers=here.inliers + there.inliers,
+            inliers=inliers,
             conflicts=here.conflicts + there.conflicts,
             free_known=query.complete and found.complete,
             grip=here.grip,
+            distance=(here.apart + there.apart) / max(inliers, 1),
+            patch=max(here.patch, there.patch),
         )
 
     @property
@@ -66,6 +74,12 @@ class Fit:
         return self.conflicts / max(self.seen, 1)
 
     @property
+    def exact(self) -> bool:
+        """Whether each keypoint of either map lies on one of the other."""
+        return self.inliers == self.keypoints and self.distance == 0.0
+
+    @property
     def evidence(self) -> float:
         """How much speaks for this pose: differences of it compare poses of one query."""
-        return SEEN * log(1 + self.seen) + INLIERS * self.seen_inliers + CONFLICTS * self.seen_conflicts
+        shares = INLIERS * self.seen_inliers + CONFLICTS * self.seen_conflicts
+        return SEEN * log(1 + self.seen) + shares + DISTANCE * self.distance

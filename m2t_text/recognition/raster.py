@@ -19,6 +19,7 @@ from m2t_text.util.types import Floats
 INLIER = 0.15  # m; a keypoint is an inlier if the other map has one so near
 NORMAL_REACH = 0.3  # m; about a keypoint, for the direction of its wall
 ICP_REACH = 0.4  # m; farther keypoints are no partners
+LINK = 0.25  # m; misfits nearer to each other than this are of one patch
 SEEN_REACH = 0.3  # m about what is free or occupied, in which the laser would have shown a wall
 EXTENT = CELL * HALF  # m from the viewpoint to each side; what lies farther is not laid on anything
 LOOSENESS = (0.5, 0.1)  # m and rad by which the start of an alignment may be off
@@ -129,40 +130,52 @@ class Overlay(NamedTuple):
         seen: those where the other map's laser looked; where that is not known, those in reach of the map.
         grip: 0…0.5, the share of the inliers' walls that hold the pose in its loosest direction: the smaller
             eigenvalue of their normals' spread, 0 between two parallel walls, along which the map may slide.
+        apart: metres, sum of the inliers' distances from the nearest keypoint of the other map.
+        patch: keypoints in the largest patch of misfits: of conflicts, and of seen keypoints without one of the
+            other map within SEEN_REACH. A wall that one map lacks is one patch, noise is many.
     """
 
     inliers: int
     conflicts: int
     seen: int
     grip: float
+    apart: float
+    patch: int
 
 
 @inner
-def _beside(found: Raster, x: float, y: float, i: int, j: int) -> bool:
-    """Whether a keypoint lies within INLIER of (x, y), which lies in the cell (i, j) of the raster.
+def _nearest(found: Raster, x: float, y: float, i: int, j: int) -> float:
+    """Squared distance from (x, y), which lies in the cell (i, j) of the raster, to the nearest keypoint.
+
+    It is exact within INLIER, and farther away that to a keypoint about as near; infinite without one in reach.
 
     The keypoint nearest to the middle of the cell need not be that nearest to (x, y): look at the cells beside.
     """
     width, height = found.nearest.shape
+    least = math.inf
     for a in range(max(i - 1, 0), min(i + 2, width)):
         for b in range(max(j - 1, 0), min(j + 2, height)):
             m = found.nearest[a, b]
-            if m >= 0 and (x - found.points[m, 0]) ** 2 + (y - found.points[m, 1]) ** 2 < INLIER * INLIER:
-                return True
-    return False
+            if m >= 0:
+                least = min(least, (x - found.points[m, 0]) ** 2 + (y - found.points[m, 1]) ** 2)
+    return least
 
 
 def overlaid(query: Raster, pose: Floats, found: Raster) -> Overlay:
     """What a query's keypoints meet on a map in whose frame its own has the ``pose`` (3,)."""
-    return Overlay(*_overlaid(query, float(pose[0]), float(pose[1]), float(pose[2]), found))
+    misfits = np.empty(len(query.points), dtype=np.int64)
+    return Overlay(*_overlaid(query, float(pose[0]), float(pose[1]), float(pose[2]), found, misfits))
 
 
 @kernel
-def _overlaid(query: Raster, left: float, up: float, turn: float, found: Raster) -> tuple[int, int, int, float]:
+def _overlaid(
+    query: Raster, left: float, up: float, turn: float, found: Raster, misfits: NDArray[np.int64]
+) -> tuple[int, int, int, float, float, int]:
     points, normals = query.points, query.normals
     c, s = math.cos(turn), math.sin(turn)
     width, height = found.nearest.shape
-    inliers, conflicts, seen = 0, 0, 0
+    inliers, conflicts, seen, count = 0, 0, 0, 0
+    apart = 0.0
     xx, xy, yy = 0.0, 0.0, 0.0
     for k in range(len(points)):
         x, y = left + c * points[k, 0] - s * points[k, 1], up + s * points[k, 0] + c * points[k, 1]
@@ -170,17 +183,41 @@ def _overlaid(query: Raster, left: float, up: float, turn: float, found: Raster)
         j = int(math.floor(y / found.cell)) - found.low[1]
         if not (0 <= i < width and 0 <= j < height):
             continue
-        if _beside(found, x, y, i, j):
+        looked = not found.complete or found.known[i, j] & SEEN != 0
+        seen += looked
+        distance = _nearest(found, x, y, i, j)
+        if distance < INLIER * INLIER:
             inliers += 1
+            apart += math.sqrt(distance)
             xx += normals[k, 0] * normals[k, 0]
             xy += normals[k, 0] * normals[k, 1]
             yy += normals[k, 1] * normals[k, 1]
-        elif found.known[i, j] & FREE:
-            conflicts += 1
-        if not found.complete or found.known[i, j] & SEEN:
-            seen += 1
+            continue
+        free = found.known[i, j] & FREE != 0
+        conflicts += free
+        if free or (looked and distance >= SEEN_REACH * SEEN_REACH):
+            misfits[count] = k
+            count += 1
     grip = ((xx + yy) / 2 - math.sqrt(((xx - yy) / 2) ** 2 + xy * xy)) / max(inliers, 1)
-    return inliers, conflicts, seen, max(grip, 0.0)
+    return inliers, conflicts, seen, max(grip, 0.0), apart, _largest_patch(points, misfits, count)
+
+
+@inner
+def _largest_patch(points: Floats, chosen: NDArray[np.int64], count: int) -> int:
+    """The size of the largest set of the first ``count`` chosen points that are linked by steps of less than
+    LINK; reorders them."""
+    largest, done = 0, 0
+    while done < count:
+        first, end = done, done + 1
+        while done < end:  # all between are linked, and those of them before `done` have no more links
+            p, done = chosen[done], done + 1
+            for k in range(end, count):
+                q = chosen[k]
+                if (points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 < LINK * LINK:
+                    chosen[k], chosen[end] = chosen[end], chosen[k]
+                    end += 1
+        largest = max(largest, end - first)
+    return largest
 
 
 def refined(query: Raster, found: Raster, start: Floats) -> Floats:

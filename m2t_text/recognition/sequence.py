@@ -16,7 +16,7 @@ from m2t_text.recognition.verification import Alignment
 from m2t_text.util.geometry import compose, wrap
 from m2t_text.util.types import Floats
 
-FURTHEST_BEHIND = 8.0  # of the evidence by which a text's best alignment there may be behind its best anywhere
+FURTHEST_BEHIND = 12.0  # of the evidence by which a text's best alignment there may be behind its best anywhere
 SHARE = 0.5  # of an earlier text's evidence that counts, as overlapping runs repeat each other
 
 

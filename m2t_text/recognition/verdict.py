@@ -1,25 +1,25 @@
 """How sure an answer is: a probability, the verdict that follows from it, and the reason in words.
 
-An answer must fit by itself: that is a logistic function of how much of both maps the other one saw, and of the
-shares of it that fit and that conflict. And it must fit better than any other answer: two that fit alike have
-at most half a chance each, however well they fit. The few coefficients are the same for all maps. They were
-chosen by hand, by looking at real logs, saved maps and simulated buildings; `docs/verdict.md` says how far to
-trust them.
+The odds that an answer is right are how well it stands by itself, between 0 and 1, times how much better it
+stands than any other answer. By itself it stands by how much of both maps the other one saw, by the shares of
+that which fit and which conflict, and by the largest patch that one map has and the other lacks. Two answers
+that fit alike have at most half a chance each, however well they fit.
+
+The few coefficients are the same for all maps. `make calibrate` fits them, and `docs/verdict.md` says how right
+they are on logs that took no part in the fit.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, exp, log
 from typing import Literal
 
 from m2t_text.recognition.fit import Fit
 
 Verdict = Literal["match", "ambiguous", "none"]
-Code = Literal[
-    "fits", "elsewhere", "turned", "slides", "conflict", "misfit", "little", "sequence", "nothing", "unverified"
-]
+Code = Literal["fits", "elsewhere", "turned", "slides", "conflict", "misfit", "little", "nothing", "unverified"]
 
-SURE = 0.995  # probability from which an answer is a `match`
-FURTHEST = 4.0  # of the evidence by which the best rival may be behind; more says no more
+SURE = 0.85  # probability from which an answer is a `match`; of those in logs left out, 99.3 % were right
+FURTHEST = 9.0  # of the evidence by which the best rival may be behind; more says no more
 LEAST_ODDS = -500.0  # on a logarithmic scale; less is no number any more
 
 
@@ -30,15 +30,15 @@ class Coefficients:
     overlap: float  # the share of both maps' keypoints that lie where the other one saw
     inliers: float  # the share of those that fit
     conflicts: float  # the share of those that conflict
+    patch: float  # the keypoints in the largest patch of misfits
     constant: float
+    lead: float  # the evidence by which the best rival is behind, which counts beside all of these
 
 
-WITH_FREE = Coefficients(4.6, 8.0, -45.0, -8.0)
-WITHOUT_FREE = Coefficients(0.0, 16.0, 0.0, -12.0)  # where a text does not tell what is free
-LEAD = 3.1  # for the evidence by which the best rival is behind
-OWN = 6.3  # for the logarithm of the probability that an answer fits by itself
-AGREED = 1.5  # for the support of earlier maps of the drive, which is 0 where all agree, and else less
-HOPELESS = -1.0  # odds of the fit, on a logarithmic scale, below which nothing fits however much was seen
+# Printed by `make calibrate`, rounded.
+WITH_FREE = Coefficients(6.2, 7.9, -23.5, -0.065, -12.5, 0.76)
+WITHOUT_FREE = Coefficients(8.6, 7.7, 0.0, 0.0, -15.8, 0.94)  # where a text does not tell what is free
+HOPELESS = -4.0  # odds by itself, on a logarithmic scale, below which nothing fits however much was seen
 
 
 @dataclass(frozen=True)
@@ -84,29 +84,25 @@ UNVERIFIED = Assessment("ambiguous", None, Reason("unverified", "the best hit wa
 NOTHING = Assessment("none", None, Reason("nothing", "no map shares a keypoint with the query"))
 
 
-def assess(fit: Fit, rival: Rival | None, support: float = 0.0) -> Assessment:
-    """The verdict on an answer of this ``fit``, whose best ``rival`` may be None.
-
-    The ``support`` of earlier maps is that of `Alignment`.
-    """
-    sure = probability(fit, rival, support)
+def assess(fit: Fit, rival: Rival | None) -> Assessment:
+    """The verdict on an answer of this ``fit``, whose best ``rival`` may be None."""
+    sure = probability(fit, rival)
     terms = _terms(fit)
-    if _odds(terms | {"little": _ORDINARY["little"]}, fit) < HOPELESS:
+    if fit.free_known:  # else all is thought to be seen that lies in reach
+        terms["little"] = _ordinary(fit)["little"]
+    if _odds(terms, fit) < HOPELESS:
         return Assessment("none", sure, _weakest(fit))
     if sure >= SURE:
         text = f"{fit.seen_inliers:.0%} of what both maps saw fits, and nothing else fits as well"
         return Assessment("match", sure, Reason("fits", text))
-    if probability(fit, rival) >= SURE:
-        text = "it fits, but earlier maps of the drive were found elsewhere, or nowhere"
-        return Assessment("ambiguous", sure, Reason("sequence", text))
     by_itself = probability(fit, None) >= SURE
     return Assessment("ambiguous", sure, _rivalled(rival) if rival and by_itself else _weakest(fit))
 
 
-def probability(fit: Fit, rival: Rival | None, support: float = 0.0) -> float:
+def probability(fit: Fit, rival: Rival | None) -> float:
     """That the pose of an answer is right."""
     own = log(_logistic(_odds(_terms(fit), fit)))
-    return _logistic(OWN * own + LEAD * lead(rival) + AGREED * support)
+    return _logistic(own + _coefficients(fit).lead * lead(rival))
 
 
 def lead(rival: Rival | None) -> float:
@@ -125,6 +121,7 @@ def _terms(fit: Fit) -> dict[str, float]:
         "little": by.overlap * fit.seen / max(fit.keypoints, 1),
         "misfit": by.inliers * fit.seen_inliers,
         "conflict": by.conflicts * fit.seen_conflicts,
+        "patch": by.patch * fit.patch,
     }
 
 
@@ -136,20 +133,25 @@ def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + exp(-max(odds, LEAST_ODDS)))
 
 
-# An ordinary right answer, beside which it shows what an answer lacks.
-_ORDINARY = _terms(Fit(700, seen=600, inliers=540, conflicts=5, free_known=True, grip=0.2))
+def _ordinary(fit: Fit) -> dict[str, float]:
+    """The terms of an ordinary right answer, beside which it shows what an answer lacks."""
+    return _terms(replace(fit, keypoints=700, seen=600, inliers=540, conflicts=5, patch=4))
 
 
 def _weakest(fit: Fit) -> Reason:
     """The figure of a fit by which an answer loses most beside an ordinary one."""
-    terms = _terms(fit)
-    lacking = max(terms, key=lambda name: _ORDINARY[name] - terms[name])
+    terms, ordinary = _terms(fit), _ordinary(fit)
+    lacking = max(terms, key=lambda name: ordinary[name] - terms[name])
     if lacking == "conflict":
         share = fit.conflicts / max(fit.keypoints, 1)
         return Reason("conflict", f"{share:.1%} of the keypoints lie where the other map was seen to be free")
     if lacking == "little" and fit.free_known:
         share = fit.seen / max(fit.keypoints, 1)
         return Reason("little", f"each map saw only {share:.0%} of what the other shows: too little to be sure")
+    if lacking == "patch":
+        return Reason(
+            "misfit", f"a patch of {fit.patch} keypoints, as of a wall, fits nothing that the other map shows"
+        )
     return Reason("misfit", f"only {fit.seen_inliers:.0%} of what both maps saw fits")
 
 

@@ -73,7 +73,7 @@ def test_rivals_elsewhere_are_those_that_a_widening_search_finds(index: MapIndex
     search = partial(index.search, query.text)
     for share in (LIKELY, 0.2, 1.2):
         monkeypatch.setattr(finding, "LIKELY", share)
-        found = [one.hit for one in finding._elsewhere(index, query, verified, search)]
+        found = [one.hit for one in finding.elsewhere(index, query, verified, search)]
         ids = [hit.map_id for hit in sorted(found, key=lambda hit: (-hit.score, hit.map_id))]
         assert ids == widening(index, query, verified, share * verified[0].hit.score)
         assert (not ids) == (share > 1)
@@ -95,5 +95,5 @@ def test_nothing_more_is_asked_where_nothing_else_is_likely(index: MapIndex, mon
     def search(*_: object, **__: object) -> list[finding.Hit]:
         raise AssertionError
 
-    assert finding._elsewhere(index, query, worse, search) == []
-    assert finding._elsewhere(index, query, verified[:20], search) == []
+    assert finding.elsewhere(index, query, worse, search) == []
+    assert finding.elsewhere(index, query, verified[:20], search) == []

@@ -67,6 +67,24 @@ def test_a_wall_where_the_other_saw_nothing_is_a_conflict() -> None:
     assert fit.conflicts == 20 and fit.conflict_ratio == pytest.approx(20 / fit.keypoints)
 
 
+def test_the_largest_patch_of_misfits_is_a_wall_that_one_map_lacks() -> None:
+    """A wall of 20 keypoints and a shorter one of 8, apart from it, where the room was seen to be free."""
+    found = Raster.of(room((-27, -17, 34), (-7, -17, 34)), CELL)
+    y = np.append(np.arange(-10, 10), np.arange(-16, -8))
+    walls = Text.of(np.repeat([0, 8], [20, 8]), y, np.zeros(28))
+    assert Fit.of(Raster.of(walls, CELL), np.zeros(3), found).patch == 20
+    joined = Text.of(np.append(walls.wx, np.arange(2, 8, 2)), np.append(y, [-9, -9, -9]), np.zeros(31))
+    assert Fit.of(Raster.of(joined, CELL), np.zeros(3), found).patch == 31
+    assert Fit.of(found, np.zeros(3), found).patch == 0
+
+
+def test_the_distance_is_that_of_the_inliers() -> None:
+    raster = Raster.of(room((-27, -17, 34)), CELL)
+    assert Fit.of(raster, np.zeros(3), raster).distance == 0.0
+    wall = Raster.of(Text.of(np.arange(-10, 10), np.zeros(20), np.zeros(20)), CELL)
+    assert Fit.of(wall, np.array([0.0, 0.04, 0.0]), wall).distance == pytest.approx(0.04)
+
+
 def test_without_free_squares_no_conflict_is_known() -> None:
     fit = Fit.of(Raster.of(room(), CELL), np.zeros(3), Raster.of(room((0, 0, 4)), CELL))
     assert fit.conflict_ratio is None and fit.inlier_ratio == 1.0

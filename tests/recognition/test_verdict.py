@@ -13,8 +13,8 @@ from m2t_text.recognition.found import Found, strongest
 from m2t_text.recognition.verdict import SURE, Assessment, Rival, assess
 from m2t_text.recognition.verification import Alignment
 
-GOOD = Fit(keypoints=900, seen=800, inliers=760, conflicts=2, free_known=True, grip=0.3)
-POOR = replace(GOOD, inliers=300, conflicts=150)
+GOOD = Fit(keypoints=900, seen=800, inliers=760, conflicts=2, free_known=True, grip=0.3, patch=3)
+POOR = replace(GOOD, inliers=300, conflicts=250, patch=40)
 
 
 def rival(fit: Fit, kind: str = "elsewhere", away: float = 12.0) -> Rival:
@@ -29,9 +29,10 @@ def rival(fit: Fit, kind: str = "elsewhere", away: float = 12.0) -> Rival:
         (GOOD, rival(GOOD), "ambiguous", "elsewhere"),
         (GOOD, rival(GOOD, "turned"), "ambiguous", "turned"),
         (GOOD, rival(GOOD, "slides"), "ambiguous", "slides"),
-        (replace(GOOD, inliers=250), None, "none", "misfit"),
+        (replace(GOOD, inliers=200), None, "none", "misfit"),
         (replace(GOOD, seen=80, inliers=65, conflicts=0), None, "ambiguous", "little"),
-        (replace(GOOD, conflicts=90), None, "none", "conflict"),
+        (replace(GOOD, inliers=500, conflicts=290), None, "none", "conflict"),
+        (replace(GOOD, inliers=700, patch=90), None, "none", "misfit"),
         (POOR, rival(POOR), "none", "conflict"),
     ],
 )
@@ -50,14 +51,17 @@ def test_more_against_an_answer_makes_it_less_likely() -> None:
 
     assert sure(GOOD) > sure(replace(GOOD, conflicts=20)) > sure(replace(GOOD, conflicts=40))
     assert sure(GOOD) > sure(replace(GOOD, inliers=700)) > sure(replace(GOOD, inliers=600))
+    assert sure(GOOD) > sure(replace(GOOD, patch=10)) > sure(replace(GOOD, patch=30))
     assert sure(GOOD) > sure(replace(GOOD, keypoints=1500))
     assert sure(GOOD) >= sure(GOOD, rival(POOR)) > sure(GOOD, rival(GOOD))
 
 
-def test_a_match_must_agree_with_the_way() -> None:
-    assert assess(GOOD, None, support=0.0).verdict == "match"
-    against = assess(GOOD, None, support=-12.0)
-    assert (against.verdict, against.reason.code) == ("ambiguous", "sequence")
+def test_what_the_way_says_counts_in_the_lead() -> None:
+    here, there = found(0, GOOD), found(20, replace(GOOD, inliers=600), place=(30.0, 0.0, 0.0))
+    assert here.alignment is not None and there.alignment is not None
+    assert judged(there, best=here).verdict == "match"
+    against = replace(here, alignment=replace(here.alignment, support=-6.0))
+    assert judged(there, best=against).reason.code == "elsewhere"
 
 
 def test_where_it_is_not_known_what_is_free_conflicts_say_nothing() -> None:

@@ -128,7 +128,7 @@ class Localizer:
         if ahead is None:
             return answer
         fit = best.alignment.fit
-        rival = Rival("elsewhere", best.hit.map_id, 0.0, 0.0, 0.0, fit.evidence - ahead)
+        rival = Rival("elsewhere", best.hit.map_id, 0.0, 0.0, 0.0, ahead)
         sure = probability(fit, rival)
         if sure < SURE:
             return answer

@@ -1,7 +1,7 @@
 """The beams of one sweep: at most one turn of them, counter-clockwise."""
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def upside_down(ranges: Floats, angles: Floats) -> tuple[Floats, Floats]:
     return ranges[::-1], -angles[::-1]
 
 
-@cache
+@lru_cache(maxsize=8)  # a log has one laser or two
 def half_circle(count: int) -> Floats:
     """Angles of a scan over 180 degrees; an odd count includes both ends, an even one has as many steps."""
     return -np.pi / 2 + np.arange(count, dtype=np.float64) * (np.pi / (count - count % 2))

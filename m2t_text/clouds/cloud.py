@@ -10,10 +10,10 @@ from m2t_text.mapping.local_map import LocalMap
 from m2t_text.mapping.registration import CELL, HALF
 from m2t_text.util.types import Floats
 
-LIMIT = 1e9  # m; beyond it a number is damage
+MAX_COORDINATE = 1e9  # m; beyond it a number is damage
 WIDEST = 1000.0  # m; a map is of one place, and hardly a building is wider
 COMPARED = 2 * HALF * CELL  # m; of two maps no more is compared about their viewpoints when they are verified
-FLOOR = 1.0  # % of the points that may lie below the floor, or above the ceiling
+FLOOR_PERCENTILE = 1.0  # % of the points that may lie below the floor, or above the ceiling
 FEWEST, MOST = 10, 200_000  # occupied cells of a map
 
 
@@ -45,7 +45,7 @@ def to_cloud(name: str, points: Floats, height: tuple[float, float] | None = Non
 
     Raises PartError if they are not in metres, or none lies within the height band.
     """
-    finite = points[(np.abs(points) < LIMIT).all(axis=1)]  # false for NaN, too
+    finite = points[(np.abs(points) < MAX_COORDINATE).all(axis=1)]  # false for NaN, too
     warnings = []
     if len(finite) < len(points):
         warnings.append(f"{len(points) - len(finite):,} of {len(points):,} points are not finite, and left out")
@@ -71,7 +71,7 @@ def to_cloud(name: str, points: Floats, height: tuple[float, float] | None = Non
 
 def default_band(heights: Floats) -> tuple[float, float] | None:
     """Where a laser would see walls, by the heights (N,) of all points; None for a cloud that is flat."""
-    floor, ceiling = np.percentile(heights, [FLOOR, 100 - FLOOR])
+    floor, ceiling = np.percentile(heights, [FLOOR_PERCENTILE, 100 - FLOOR_PERCENTILE])
     return None if ceiling - floor <= FLAT else (float(floor + BAND[0]), float(floor + BAND[1]))
 
 

@@ -19,7 +19,7 @@ from m2t_text.util.types import Floats, Progress
 AXES = ("x", "y", "z")
 LINE_LIMIT, LINES_LIMIT = 4096, 1000  # bytes and lines; no honest header has longer ones or more
 DIGITS = 18  # of a count
-STEP = 4096  # lines between two calls of progress
+LINES_PER_PROGRESS = 4096  # lines between two calls of progress
 
 
 class WatchedFile(BufferedReader):
@@ -32,7 +32,7 @@ class WatchedFile(BufferedReader):
 
     def __next__(self) -> bytes:
         self._lines += 1
-        if self._progress and self._lines % STEP == 0:
+        if self._progress and self._lines % LINES_PER_PROGRESS == 0:
             self._progress(self.tell(), self.tell() + left(self))
         return super().__next__()
 

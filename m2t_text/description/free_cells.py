@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from m2t_text.description.free_squares import LEAST, MOST, REACH, CellGrid, FreeSquares
+from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, CellGrid, FreeSquares
 from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
@@ -17,7 +17,7 @@ Squares = tuple[Cells, Cells, Cells]  # x and y of the lower corner, and the sid
 CLEARANCE = 0.2  # m about what is occupied, in which nothing is free, whatever a beam passed
 RIM = 0.4  # m about what is occupied, in which no beam need have passed the cells beside a free one
 EDGE = 1e-6  # cells; nearer to the edge of a grid nothing is looked up, as rounding might lead beyond it
-WORTH = 8  # cells that no other square covers, for which a square is written
+MIN_NEW_CELLS = 8  # cells that no other square covers, for which a square is written
 EASING = 0.9  # from one round of choosing squares to the next: what they must add
 
 
@@ -73,12 +73,12 @@ def moved_squares(squares: FreeSquares, pose: ArrayLike, occupied: Cells, cell: 
 
 
 def covering(free: CellGrid) -> FreeSquares:
-    """Few squares that cover most of the cells: in turn one that adds nearly as much as any, WORTH or more.
+    """Few squares that cover most of the cells: in turn one that adds nearly as much as any, and enough.
 
     What no square of the least side covers is left out.
     """
-    left, low = max(0, REACH[0] - free.x), max(0, REACH[0] - free.y)
-    reached = free.cells[left : max(left, REACH.stop - free.x), low : max(low, REACH.stop - free.y)]
+    left, low = max(0, CELL_RANGE[0] - free.x), max(0, CELL_RANGE[0] - free.y)
+    reached = free.cells[left : max(left, CELL_RANGE.stop - free.x), low : max(low, CELL_RANGE.stop - free.y)]
     x, y, side = _squares(np.ascontiguousarray(reached))
     return FreeSquares.of(x + free.x + left, y + free.y + low, side)
 
@@ -187,12 +187,12 @@ def _squares(cells: Mask) -> Squares:
     taken = np.zeros(count, dtype=np.bool_)
     left = cells.copy()
     wanted = float(adds.max()) if count else 0.0
-    while wanted >= WORTH:
+    while wanted >= MIN_NEW_CELLS:
         wanted *= EASING
         for k in range(count):
-            if adds[k] >= max(wanted, WORTH) and not taken[k]:
+            if adds[k] >= max(wanted, MIN_NEW_CELLS) and not taken[k]:
                 adds[k] = _marked(left, x[k], y[k], side[k])
-                if adds[k] >= max(wanted, WORTH):
+                if adds[k] >= max(wanted, MIN_NEW_CELLS):
                     taken[k] = True
                     left[x[k] : x[k] + side[k], y[k] : y[k] + side[k]] = False
     return x[taken], y[taken], side[taken]
@@ -207,8 +207,8 @@ def _greatest_squares(cells: Mask) -> Squares:
     for i in range(width - 1, -1, -1):
         for j in range(height - 1, -1, -1):
             if cells[i, j]:
-                sides[i, j] = 1 + min(sides[i + 1, j], sides[i, j + 1], sides[i + 1, j + 1], MOST - 1)
-                count += sides[i, j] >= LEAST
+                sides[i, j] = 1 + min(sides[i + 1, j], sides[i, j + 1], sides[i + 1, j + 1], MAX_SIDE - 1)
+                count += sides[i, j] >= MIN_SIDE
     x, y, side = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     k = 0
     for i in range(width):
@@ -219,7 +219,7 @@ def _greatest_squares(cells: Mask) -> Squares:
                 or (j > 0 and sides[i, j - 1] > here)
                 or (i > 0 and j > 0 and sides[i - 1, j - 1] > here)
             )
-            if here >= LEAST and not held:
+            if here >= MIN_SIDE and not held:
                 x[k], y[k], side[k] = i, j, here
                 k += 1
     return x[:k], y[:k], side[:k]

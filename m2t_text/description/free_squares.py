@@ -12,8 +12,8 @@ from m2t_text.errors import TextError
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-LEAST, MOST = 4, 1023  # cells; side of a square: smaller ones would make a text long and say little
-REACH = range(-2048, 2048)  # of the cells of squares, which are rasterised: a text must not claim the world
+MIN_SIDE, MAX_SIDE = 4, 1023  # cells; side of a square: smaller ones would make a text long and say little
+CELL_RANGE = range(-2048, 2048)  # of squares, which are rasterised: a text must not claim the world
 
 
 class CellGrid(NamedTuple):
@@ -54,12 +54,13 @@ class FreeSquares:
     def of(cls, wx: ArrayLike, wy: ArrayLike, size: ArrayLike) -> "FreeSquares":
         """Squares in the fixed order. One too small, too large or too far away is a TextError."""
         x, y, side = (np.atleast_1d(np.asarray(values, dtype=np.int64)) for values in (wx, wy, size))
-        if side.size and not (side.min() >= LEAST and side.max() <= MOST):
-            raise TextError(f"a free square's side is not within {LEAST}…{MOST} cells")
+        if side.size and not (side.min() >= MIN_SIDE and side.max() <= MAX_SIDE):
+            raise TextError(f"a free square's side is not within {MIN_SIDE}…{MAX_SIDE} cells")
         if side.size and not (
-            min(x.min(), y.min()) >= REACH[0] and max((x + side).max(), (y + side).max()) <= REACH.stop
+            min(x.min(), y.min()) >= CELL_RANGE[0]
+            and max((x + side).max(), (y + side).max()) <= CELL_RANGE.stop
         ):
-            raise TextError(f"a free square is not within {REACH[0]}…{REACH[-1]} cells")
+            raise TextError(f"a free square is not within {CELL_RANGE[0]}…{CELL_RANGE[-1]} cells")
         order = np.lexsort((y, x, side))
         return cls(*(values[order].astype(np.int16) for values in (x, y, side)))
 
@@ -89,8 +90,8 @@ class FreeSquares:
         if not all(array.dtype == np.int16 and array.shape == (len(self.size),) for array in arrays):
             return False
         x, y, side = (values.astype(np.int64) for values in (self.wx, self.wy, self.size))
-        within = (np.minimum(x, y) >= REACH[0]) & (np.maximum(x, y) + side <= REACH.stop)
-        return bool((within & (side >= LEAST) & (side <= MOST)).all() and (np.diff(side) >= 0).all())
+        within = (np.minimum(x, y) >= CELL_RANGE[0]) & (np.maximum(x, y) + side <= CELL_RANGE.stop)
+        return bool((within & (side >= MIN_SIDE) & (side <= MAX_SIDE)).all() and (np.diff(side) >= 0).all())
 
     def covers(self, positions: ArrayLike) -> Mask:
         """(N,) which positions (N, 2), in units of cells in the map's own frame, lie in a square."""

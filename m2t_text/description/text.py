@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from m2t_text.description.free_squares import LEAST, MOST, NO_SQUARES, REACH, FreeSquares
+from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, NO_SQUARES, FreeSquares
 from m2t_text.errors import TextError
 from m2t_text.util.geometry import transform
 
@@ -125,7 +125,7 @@ def parse(string: str) -> Text:
             raise TextError(
                 f"token {position + 1} is {shown!r}, neither x<int>_y<int>_a<int> with a word of 0…{WORDS - 1} "
                 f"and positions of {POSES[0]}…{POSES[-1]} cells, nor x<int>_y<int>_f<int> with a side of "
-                f"{LEAST}…{MOST} cells, all within {REACH[0]}…{REACH[-1]}"
+                f"{MIN_SIDE}…{MAX_SIDE} cells, all within {CELL_RANGE[0]}…{CELL_RANGE[-1]}"
             )
         numbers[position], free[position] = (match[1], match[2], match[4]), match[3] == "f"
     wx, wy, wa = numbers[~free].T
@@ -136,4 +136,8 @@ def _possible(kind: str, x: int, y: int, number: int) -> bool:
     """Whether a token's numbers are in range: those of a keypoint (``a``), or of a free square (``f``)."""
     if kind == "a":
         return number < WORDS and x in POSES and y in POSES
-    return number in range(LEAST, MOST + 1) and min(x, y) >= REACH[0] and max(x, y) + number <= REACH.stop
+    return (
+        number in range(MIN_SIDE, MAX_SIDE + 1)
+        and min(x, y) >= CELL_RANGE[0]
+        and max(x, y) + number <= CELL_RANGE.stop
+    )

@@ -26,9 +26,9 @@ from m2t_text.util.types import Floats, SourceProgress
 
 TRAVEL = 120.0  # m of the tour on the first drive: once round the building and back through its middle
 LATER, FARTHER = 0.5, 1.5  # the second begins half way and goes that much farther: also the other way round
-APART = 2.0  # m of travel between two queries
+QUERY_SPACING = 2.0  # m of travel between two queries
 KNOWN = 1.0  # m; a place was visited before if a map of the first drive lies so near
-RIGHT = 3.0  # m; a hit is right if it lies so near
+RIGHT_DISTANCE = 3.0  # m; a hit is right if it lies so near
 SHOWN = 2  # hits in the picture
 
 
@@ -61,8 +61,9 @@ class DemoReport:
         return [
             f"Drove twice through a simulated building: {self.scans[0]} and {self.scans[1]} laser scans.",
             f"Indexed the first drive: {self.maps} local maps as text in {folder}/index.",
-            f"Looked up a place of the second drive every {APART:g} m: "
-            f"{right} of {len(self.visits)} found within {RIGHT:g} m, {1000 * self.seconds:.0f} ms each.",
+            f"Looked up a place of the second drive every {QUERY_SPACING:g} m: "
+            f"{right} of {len(self.visits)} found within {RIGHT_DISTANCE:g} m, "
+            f"{1000 * self.seconds:.0f} ms each.",
             f"Of {len(sure)} with the verdict `match`, {sum(sure)} are right.",
             f"Drew {folder}/overview.png (all of them) and {folder}/match.png (one that was found).",
             "",
@@ -95,7 +96,9 @@ def run_demo(folder: Path, seed: int, jobs: int, progress: SourceProgress) -> De
     for query, finding in zip(queries, findings, strict=True):
         place, hit = _place(second, query), _place(first, finding.results[0].hit.document)
         if _near(place, known, KNOWN):
-            visits.append(Visit(place, hit, _near(place, hit[None], RIGHT), finding.verdict == "match"))
+            visits.append(
+                Visit(place, hit, _near(place, hit[None], RIGHT_DISTANCE), finding.verdict == "match")
+            )
             if visits[-1].right:
                 right.append(query)
     walls = np.concatenate([_walls(first), _walls(second)])
@@ -123,11 +126,11 @@ def _drives(folder: Path, seed: int, progress: SourceProgress) -> tuple[Log, Log
 
 
 def _apart(documents: Iterable[Document]) -> Iterator[Document]:
-    """Documents that begin at least APART metres of travel one after the other."""
+    """Documents that begin at least QUERY_SPACING metres of travel one after the other."""
     after = 0.0
     for document in documents:
         if document.travel[0] >= after:
-            after = document.travel[0] + APART
+            after = document.travel[0] + QUERY_SPACING
             yield document
 
 

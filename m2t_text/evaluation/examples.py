@@ -6,7 +6,7 @@ import numpy as np
 
 from m2t_text.description.text import Text
 from m2t_text.evaluation.judging import METHODS, Judgement
-from m2t_text.evaluation.protocol import RIGHT, GroundTruth
+from m2t_text.evaluation.protocol import RIGHT_DISTANCE, GroundTruth
 from m2t_text.index.map_index import MapIndex
 from m2t_text.util.types import Floats
 
@@ -45,7 +45,7 @@ def examples(index: MapIndex, truth: GroundTruth, judgements: list[Judgement]) -
     document = index.document(index.ids[query])
     scores = {method: index.scores(document.text, method) for method in METHODS}
     relevant, irrelevant = truth.relevance(query)
-    elsewhere = irrelevant & (truth.distances(query) > RIGHT)
+    elsewhere = irrelevant & (truth.distances(query) > RIGHT_DISTANCE)
     matching, cell = index.parameters.matching, index.parameters.mapping.cell
     pairs = []
     for mask in (relevant, elsewhere):

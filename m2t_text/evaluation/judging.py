@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from m2t_text.description.document import Document
 from m2t_text.evaluation.metrics import best, normalised_ranks, pose_error
-from m2t_text.evaluation.protocol import APART, RIGHT, GroundTruth
+from m2t_text.evaluation.protocol import MIN_TRAVEL_APART, RIGHT_DISTANCE, GroundTruth
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.search.weighting import Method
 from m2t_text.recognition.finding import find
@@ -60,7 +60,7 @@ def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
         distance[method] = np.inf if hit is None else float(distances[hit])
     # The very search of the command line, so that what is judged is what users get.
     found = Query.of(document)
-    finding = find(index, found, exclude=found.excluding(APART))
+    finding = find(index, found, exclude=found.excluding(MIN_TRAVEL_APART))
     distance["verified"] = np.inf
     error, right = None, False
     if finding.results:
@@ -69,7 +69,7 @@ def judge(index: MapIndex, truth: GroundTruth, query: int) -> Judgement:
         distance["verified"] = float(distances[hit])
         if first.pose is not None:
             right = truth.right(query, hit, first.pose)
-            if distances[hit] <= RIGHT:
+            if distances[hit] <= RIGHT_DISTANCE:
                 error = pose_error(first.pose, between(truth.poses[hit], truth.poses[query]))
     return Judgement(query, int(relevant.sum()), rank, distance, finding.verdict, error, right)
 
@@ -104,7 +104,7 @@ def _judge_of(path: Path, truth: GroundTruth) -> Callable[[int], Judgement]:
 def count_matches(
     path: Path,
     documents: Sequence[Document],
-    apart: float = APART,
+    apart: float = MIN_TRAVEL_APART,
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:

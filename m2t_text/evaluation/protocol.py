@@ -11,10 +11,10 @@ from m2t_text.evaluation.metrics import Booleans, pose_error
 from m2t_text.util.geometry import between, transform
 from m2t_text.util.types import Floats
 
-NEAR = 1.0  # m between the places of maps that are relevant to each other
-APART = 10.0  # m of travel between them at least, so that they belong to different visits
+RELEVANT_DISTANCE = 1.0  # m between the places of maps that are relevant to each other
+MIN_TRAVEL_APART = 10.0  # m of travel between them at least, so that they belong to different visits
 LIMITS = (1.0, 3.0)  # m; a best hit is right if its place is so near
-RIGHT = 3.0  # m; the limit at which verdicts and relative poses are judged
+RIGHT_DISTANCE = 3.0  # m; the limit at which verdicts and relative poses are judged
 POSE_RIGHT = (1.0, np.radians(10.0))  # m and rad by which a hit's relative pose may err and be right
 UNVISITED = 6.0  # m; a map without another visit's map so near shows a place that was never seen before
 
@@ -54,7 +54,7 @@ class GroundTruth:
     def relevance(self, query: int) -> tuple[Booleans, Booleans]:
         """(N,) which maps are relevant to a query, and which irrelevant; those of one visit are neither."""
         apart = self._other_visits(query)
-        near = self.distances(query) <= NEAR
+        near = self.distances(query) <= RELEVANT_DISTANCE
         return apart & near, apart & ~near
 
     def queries(self) -> NDArray[np.int64]:
@@ -74,7 +74,7 @@ class GroundTruth:
         return bool(away <= POSE_RIGHT[0] and turn <= POSE_RIGHT[1])
 
     def _other_visits(self, query: int) -> Booleans:
-        return np.asarray(np.abs(self.travel - self.travel[query]) > APART)
+        return np.asarray(np.abs(self.travel - self.travel[query]) > MIN_TRAVEL_APART)
 
 
 def draw(queries: NDArray[np.int64], count: int | None, seed: int) -> NDArray[np.int64]:

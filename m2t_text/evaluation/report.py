@@ -9,7 +9,7 @@ import numpy as np
 
 from m2t_text.evaluation.judging import METHODS, Judgement, column
 from m2t_text.evaluation.metrics import median, recall, verdicts
-from m2t_text.evaluation.protocol import LIMITS, RIGHT
+from m2t_text.evaluation.protocol import LIMITS, RIGHT_DISTANCE
 from m2t_text.evaluation.run import EvaluatedLog, Evaluation
 from m2t_text.util.types import Floats
 
@@ -73,7 +73,7 @@ def methods(
     }
     distances = column(judgements, "distance", "verified")
     match = np.array([judgement.verdict == "match" for judgement in judgements])
-    precision, found = verdicts(distances, match, RIGHT)
+    precision, found = verdicts(distances, match, RIGHT_DISTANCE)
     right = np.array([judgement.right for judgement in judgements])
     all_matches = int(match.sum()) + unvisited[1]
     errors = np.array([j.error for j in judgements if j.error is not None]).reshape(-1, 2)

@@ -16,7 +16,7 @@ from m2t_text.description.document import Document
 from m2t_text.errors import LogError
 from m2t_text.evaluation.examples import Pair, examples
 from m2t_text.evaluation.judging import Judgement, count_matches, judge_all
-from m2t_text.evaluation.protocol import APART, NEAR, GroundTruth, draw
+from m2t_text.evaluation.protocol import MIN_TRAVEL_APART, RELEVANT_DISTANCE, GroundTruth, draw
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
 from m2t_text.pipeline import describe_log
@@ -125,8 +125,8 @@ def _prepared(
     queries = truth.queries()
     if not len(queries):
         raise LogError(
-            f"{log.name}: none of its {len(truth)} maps lies within {NEAR:g} m of another that is more than "
-            f"{APART:g} m of travel away; name a log that comes back to places"
+            f"{log.name}: none of its {len(truth)} maps lies within {RELEVANT_DISTANCE:g} m of another that is "
+            f"more than {MIN_TRAVEL_APART:g} m of travel away; name a log that comes back to places"
         )
     return _Prepared(log, index, truth, draw(queries, request.queries, request.seed))
 
@@ -153,7 +153,7 @@ def _evaluated(
     drawn = draw(one.truth.unvisited(), len(one.queries), request.seed)
     lonely = [one.index.document(ids[k]) for k in drawn]
     progress = partial(stage, "looking up unvisited places")
-    unvisited = count_matches(one.index.path, lonely, APART, request.jobs, progress)
+    unvisited = count_matches(one.index.path, lonely, MIN_TRAVEL_APART, request.jobs, progress)
     asked: list[Document] = []
     elsewhere = 0
     if together is not None:

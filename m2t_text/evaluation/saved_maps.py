@@ -38,7 +38,7 @@ from m2t_text.util.geometry import transform, travel
 from m2t_text.util.types import Floats, SourceProgress
 
 ON_WALL = 0.25  # m; a point of a run so near to an occupied cell is on the map
-RIGHT = (0.5, np.radians(5.0))  # m and rad by which a right pose may err
+POSE_TOLERANCE = (0.5, np.radians(5.0))  # m and rad by which a right pose may err
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Placed:
 
     @property
     def right(self) -> bool:
-        return self.error[0] <= RIGHT[0] and self.error[1] <= RIGHT[1]
+        return self.error[0] <= POSE_TOLERANCE[0] and self.error[1] <= POSE_TOLERANCE[1]
 
 
 @dataclass(frozen=True)

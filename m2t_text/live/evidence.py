@@ -17,7 +17,7 @@ from m2t_text.util.types import Floats
 
 SAME = (0.5, np.radians(10.0))  # m and rad within which two answers agree,
 DRIFT = 0.04  # and m more per metre of travel between them
-REACH = 20.0  # m of travel over which an earlier answer counts
+REMEMBERED_TRAVEL = 20.0  # m of travel over which an earlier answer counts
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def _gap(answer: Answer, earlier: Answer) -> float:
 
 def independent(answer: Answer, earlier: Answer) -> bool:
     """Whether two answers share no scan, and the drive between them is short."""
-    return 0 <= answer.travel[0] - earlier.travel[1] <= REACH
+    return 0 <= answer.travel[0] - earlier.travel[1] <= REMEMBERED_TRAVEL
 
 
 def joint_lead(answer: Answer, earlier: Answer) -> float | None:

@@ -11,7 +11,7 @@ from whoosh.query import Not, Term
 
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
-from m2t_text.live.evidence import REACH, Answer, Candidate, consistent, independent, joint_lead
+from m2t_text.live.evidence import REMEMBERED_TRAVEL, Answer, Candidate, consistent, independent, joint_lead
 from m2t_text.live.place import Place, State
 from m2t_text.live.sought import Sought, candidates, covariance_of, may_fit
 from m2t_text.mapping.local_map import LocalMap
@@ -138,13 +138,13 @@ class Localizer:
     def _led(self, answer: Answer) -> bool | None:
         """Whether the last match and the drive since then lead to the best; None where they lead nowhere."""
         match = self._match
-        if match is None or not 0 <= answer.travel[1] - match.travel[1] <= REACH:
+        if match is None or not 0 <= answer.travel[1] - match.travel[1] <= REMEMBERED_TRAVEL:
             return None
         return consistent(match, answer)
 
     def _follow(self, answer: Answer) -> None:
         """Keeps an answer for later ones, and notes whether the robot is where it should be."""
-        while self._answers and answer.travel[0] - self._answers[0].travel[1] > REACH:
+        while self._answers and answer.travel[0] - self._answers[0].travel[1] > REMEMBERED_TRAVEL:
             self._answers.popleft()
         if answer.assessment.verdict != "none":
             self._answers.append(answer)

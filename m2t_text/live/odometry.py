@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from m2t_text.errors import LogError
-from m2t_text.logs.leaps import AGAIN, EVER, FAR, STALLED
+from m2t_text.logs.leaps import AGAIN, EVER, LEAP, STALLED
 from m2t_text.util.geometry import between, wrap
 from m2t_text.util.types import Floats
 
 HELD = 10.0  # s of odometry that are kept
-MOST = 20_000  # messages that are kept
+MAX_MESSAGES = 20_000  # messages that are kept
 GAP = 1.0  # s without odometry over which nothing is interpolated
 SLACK = 1.0  # s by which messages come late; if it is more, the clock began again
 
@@ -107,13 +107,13 @@ class OdometryBuffer:
         """Whether no robot moves so since the newest message, or the odometry begins again at zero."""
         step = between(self._poses[-1], pose)
         far = np.array([np.hypot(*step[:2]), abs(step[2])])
-        if (np.abs(pose) < AGAIN).all() and (far > FAR).any():
+        if (np.abs(pose) < AGAIN).all() and (far > LEAP).any():
             return True
         since = max(time - self._times[-1], STALLED)  # odometry that stood still may catch up in one step
-        return bool(((far > FAR) & (far / since > EVER)).any())
+        return bool(((far > LEAP) & (far / since > EVER)).any())
 
     def _forget(self) -> None:
         begin = bisect_left(self._times, self._times[-1] - HELD)
-        begin = max(begin, len(self._times) - MOST)
+        begin = max(begin, len(self._times) - MAX_MESSAGES)
         if begin > 0:
             del self._times[:begin], self._poses[:begin], self._drives[:begin]

@@ -17,7 +17,7 @@ from m2t_text.mapping.scan_matcher import ScanMatcher
 from m2t_text.util.types import Floats
 
 SPACING = 0.5  # m of travel between the local maps that a drive leaves behind; nearer ones show the same
-MOST = 4_000  # scans that are kept; only a robot that turns on the spot for very long comes to so many
+MAX_SCANS = 4_000  # scans that are kept; only a robot that turns on the spot for very long comes to so many
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class LiveSurvey:
         begin = 0
         while begin + 1 < len(kept) and self.travel - kept[begin + 1].way >= self._longest_run:
             begin += 1
-        del kept[: max(begin, len(kept) - MOST)]
+        del kept[: max(begin, len(kept) - MAX_SCANS)]
 
     @property
     def driven(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from m2t_text.errors import PartError
 from m2t_text.util.types import Floats
 
-TURN = 2.01 * math.pi  # rad; a laser that looks all around may send its first direction again
+FULL_TURN = 2.01 * math.pi  # rad; a laser that looks all around may send its first direction again
 WIDEST = 4.1 * math.pi  # rad; beyond it the numbers are no angles in radians
 
 
@@ -23,7 +23,7 @@ def beams_in_a_turn(start: float, step: float, count: int) -> int:
     if field > WIDEST:
         degrees = ", as of angles in degrees where radians should be" if field <= 361 else ""
         raise PartError(f"with an impossible field of view of {field:.4g} rad{degrees}")
-    return count if field <= TURN else int(2 * math.pi / abs(step) * (1 + 1e-6))
+    return count if field <= FULL_TURN else int(2 * math.pi / abs(step) * (1 + 1e-6))
 
 
 def upside_down(ranges: Floats, angles: Floats) -> tuple[Floats, Floats]:

@@ -7,8 +7,8 @@ from m2t_text.errors import PartError
 from m2t_text.util.geometry import between, compose, inverse, wrap
 from m2t_text.util.types import Floats
 
-# A step is a leap if it is farther than FAR, and faster than FAST and than MORE times the usual fast step:
-FAR = (0.3, 0.3)  # m and rad
+# A step is a leap if it is farther than LEAP, and faster than FAST and than MORE times the usual fast step:
+LEAP = (0.3, 0.3)  # m and rad
 FAST = (3.0, 2 * np.pi)  # m/s and rad/s
 MORE = 4.0
 EVER = (25.0, 4 * np.pi)  # m/s and rad/s; no robot with a 2D laser is faster, however fast it usually is
@@ -16,7 +16,7 @@ USUAL = 95  # percentile of the steps that move
 AGAIN = 1e-3  # m and rad; odometry that begins again does so at zero
 STALLED = 1.0  # s; odometry that stands so long may catch up in one step
 ALONE = (5.0, 2.0)  # m and rad; a step that is farther is a leap where there are no times
-MANY = (10, 0.02)  # leaps, and of all steps, from which on they are not those of one robot
+TOO_MANY_LEAPS = (10, 0.02)  # leaps, and of all steps, from which on they are not those of one robot
 
 
 def leaps(poses: Floats, times: Floats) -> NDArray[np.bool_]:
@@ -31,12 +31,12 @@ def leaps(poses: Floats, times: Floats) -> NDArray[np.bool_]:
     again = (np.abs(poses[1:]) < AGAIN).all(axis=1) & (far > 3 * _usual(far)[:, None]).any(axis=0)
     gaps = np.diff(times)
     if (gaps > 0).any():
-        found = (far > np.array(FAR)[:, None]) & _fast(far, gaps)
+        found = (far > np.array(LEAP)[:, None]) & _fast(far, gaps)
     else:
         found = far > np.maximum(np.array(ALONE), MORE * _usual(far))[:, None]
-    again &= (far > np.array(FAR)[:, None] / 3).any(axis=0)
+    again &= (far > np.array(LEAP)[:, None] / 3).any(axis=0)
     leapt = np.logical_or(found.any(axis=0), again)
-    if leapt.sum() > max(MANY[0], MANY[1] * len(leapt)):
+    if leapt.sum() > max(TOO_MANY_LEAPS[0], TOO_MANY_LEAPS[1] * len(leapt)):
         raise PartError(
             f"odometry leaps {leapt.sum():,} times in {len(poses):,} poses, so they are not of one robot; name "
             "another topic, or `none` to go by scan matching alone, with --odometry-topic"

@@ -10,9 +10,9 @@ from m2t_text.util.geometry import between, compose, inverse, wrap
 from m2t_text.util.types import Floats
 
 CLOCK_SLACK = 1.0  # s; messages of several programs reach a logger out of order by less
-NEAR = 0.02  # m; a pose taken from the wheels lies as near to the polyline of the odometry lines
+ON_POLYLINE = 0.02  # m; a pose taken from the wheels lies as near to the polyline of the odometry lines
 RIGID = (0.05, 0.05)  # m, rad; two poses of one body keep their offset within this
-REACH = 3  # odometry lines before and after a scan between which its pose may lie
+LINES_AROUND = 3  # odometry lines before and after a scan between which its pose may lie
 
 
 @dataclass(frozen=True)
@@ -157,10 +157,10 @@ def _on_track(poses: Floats, lines: Floats, wheels: Track) -> bool:
     """Whether the poses (S, 3) are read off the wheels, that is lie on the polyline of the odometry lines."""
     at = np.searchsorted(wheels.lines, lines)
     nearest = np.full(len(poses), np.inf)
-    for shift in range(-REACH, REACH):
+    for shift in range(-LINES_AROUND, LINES_AROUND):
         a = wheels.poses[np.clip(at + shift, 0, len(wheels.lines) - 1), :2]
         b = wheels.poses[np.clip(at + shift + 1, 0, len(wheels.lines) - 1), :2]
         along = ((poses[:, :2] - a) * (b - a)).sum(axis=1) / np.maximum(((b - a) ** 2).sum(axis=1), 1e-12)
         foot = a + np.clip(along, 0.0, 1.0)[:, None] * (b - a)
         nearest = np.minimum(nearest, np.hypot(*(poses[:, :2] - foot).T))
-    return bool((nearest > NEAR).mean() < 1 / 3)
+    return bool((nearest > ON_POLYLINE).mean() < 1 / 3)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.util.types import Floats
 
-MOST = 1e6  # m; beyond it a number is damage
+MAX_READING = 1e6  # m; beyond it a number is damage
 DECIMALS = 4  # of readings in metres and of angles in degrees; lasers tell no more
 
 
@@ -20,7 +20,7 @@ def returned(ranges: ArrayLike, least: float = 0.0, most: float = 0.0) -> Floats
     """
     readings = np.asarray(ranges)
     finite = np.nan_to_num(readings, nan=0.0, posinf=0.0, neginf=0.0)
-    limit = most if 0 < most < MOST else MOST
+    limit = most if 0 < most < MAX_READING else MAX_READING
     hit = (finite > 0) & ~(finite < least) & (finite < limit)
     kept = np.where(hit, finite, finite.dtype.type(np.inf) if finite.dtype.kind == "f" else np.inf)
     return exact(kept) if kept.dtype == np.float32 else kept.astype(np.float64)

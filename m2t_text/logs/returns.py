@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from m2t_text.util.types import Floats
 
-LEAST = 0.02  # m; no laser measures less, but some report error codes so
+MIN_RANGE = 0.02  # m; no laser measures less, but some report error codes so
 TICK = 0.001  # m; readings are compared to the millimetre, as most lasers round to it or to more
 LONGEST = 200.0  # m; beyond it no reading is looked at
 FEWEST, SHARE = 100, 1e-3  # readings that recur, in number and of all
@@ -23,7 +23,7 @@ NEIGHBOURHOOD = 0.1  # share of the reading; of walls, readings near to it are a
 OUTSTANDING = 20.0  # times as frequent as those readings
 FAN = np.radians(15.0)  # a wall gives one reading over a smaller angle, even to the centimetre
 FANNED = 0.1  # share of the scans with the reading that have such a fan of it
-NEAR = 0.5  # m; a least reading that recurs in fans is looked for up to here
+RECURRING_UP_TO = 0.5  # m; a least reading that recurs in fans is looked for up to here
 CODES = 4  # numbers that mean no return; some lasers have several
 
 
@@ -60,8 +60,8 @@ def no_returns(ranges: Sequence[Floats], angles: Sequence[Floats]) -> list[Recur
 
 def without(ranges: Floats, found: Sequence[Recurring]) -> Floats:
     """The readings (B,) with ``inf`` for those that are found to be no returns, or too small to be any."""
-    least = max((one.value + TICK for one in found if one.value < NEAR), default=LEAST)
-    limits = [one.value for one in found if one.value >= NEAR and not one.seen_beyond]
+    least = max((one.value + TICK for one in found if one.value < RECURRING_UP_TO), default=MIN_RANGE)
+    limits = [one.value for one in found if one.value >= RECURRING_UP_TO and not one.seen_beyond]
     kept = (ranges >= least - TICK / 2) & (ranges < min(limits, default=np.inf) - TICK / 2)
     for one in found:
         if one.seen_beyond:
@@ -73,7 +73,11 @@ def told(found: Sequence[Recurring], total: int) -> Iterator[str]:
     """A warning for each of the readings that are found to be no returns, of so many in all."""
     for one in found:
         which = (
-            "next to the largest" if one.seen_beyond else "the smallest" if one.value < NEAR else "the largest"
+            "next to the largest"
+            if one.seen_beyond
+            else "the smallest"
+            if one.value < RECURRING_UP_TO
+            else "the largest"
         )
         times = f"recur {one.count:,} times in {total:,}"
         yield f"readings of {one.value:g} m, {which}, {times}: taken as no return"
@@ -97,7 +101,7 @@ def _recurring(
     total = counts.sum()
     frequent = np.flatnonzero(counts >= max(FEWEST, SHARE * total))
     if least:
-        frequent = frequent[(frequent * TICK < NEAR) & (frequent > 0)]
+        frequent = frequent[(frequent * TICK < RECURRING_UP_TO) & (frequent > 0)]
     if not len(frequent):
         return None
     tick = int(frequent[0] if least else frequent[-1])

@@ -19,7 +19,13 @@ MAGIC = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz", b"\x28\xb5
 LONGEST = max(map(len, MAGIC))
 BLOCK = 1 << 20  # bytes unpacked at once
 SPARE = 0.5  # of the free room on the disk that is not filled
-BROKEN: tuple[type[Exception], ...] = (EOFError, gzip.BadGzipFile, lzma.LZMAError, zlib.error, ValueError)
+UNPACKING_ERRORS: tuple[type[Exception], ...] = (
+    EOFError,
+    gzip.BadGzipFile,
+    lzma.LZMAError,
+    zlib.error,
+    ValueError,
+)
 
 
 def packing(file: BinaryIO) -> str | None:
@@ -45,7 +51,7 @@ def is_broken(error: Exception) -> bool:
     damaged = (
         isinstance(error, OSError) and error.errno is None
     )  # as bz2 says of damage; a disk's have a number
-    return isinstance(error, BROKEN) or damaged or type(error).__name__ == "ZstdError"
+    return isinstance(error, UNPACKING_ERRORS) or damaged or type(error).__name__ == "ZstdError"
 
 
 @contextmanager

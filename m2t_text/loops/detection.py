@@ -19,7 +19,7 @@ from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe_survey
 from m2t_text.util.types import StageProgress
 
-KEPT = 0.5  # m of travel between the maps of the past; nearer ones show the same
+MAP_SPACING = 0.5  # m of travel between the maps of the past; nearer ones show the same
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def detect_loops(
     if index is not None:
         _check(log, index)
     whole = survey(log, parameters.mapping, partial(tell, "scans"))
-    documents = list(describe_survey(whole, log.name, parameters, jobs, tell, KEPT))
+    documents = list(describe_survey(whole, log.name, parameters, jobs, tell, MAP_SPACING))
     if not documents:
         least = f"{parameters.mapping.run_length:g} m of one map"
         raise LogError(f"{log.name}: the robot travels less than the {least}; name a longer log")

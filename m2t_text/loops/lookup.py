@@ -19,8 +19,8 @@ from m2t_text.recognition.raster import Shape
 from m2t_text.util.types import Floats
 from m2t_text.util.workers import mapped
 
-APART = 10.0  # m of travel between the middles of two maps of one drive, at least: another visit
-EVERY = 1.0  # m of travel from one query to the next
+MIN_TRAVEL_APART = 10.0  # m of travel between the middles of two maps of one drive, at least: another visit
+QUERY_SPACING = 1.0  # m of travel from one query to the next
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Candidate:
 
 def is_query(document: Document, last: Document | None) -> bool:
     """Whether a map of a drive is looked up, the ``last`` one that was being this."""
-    return last is None or bool(document.travel[0] >= last.travel[0] + EVERY)
+    return last is None or bool(document.travel[0] >= last.travel[0] + QUERY_SPACING)
 
 
 def look_up(
@@ -50,7 +50,7 @@ def look_up(
 ) -> Iterator[Candidate | None]:
     """The match of each query in the index in a folder, or None, in the order of the queries.
 
-    Of the query's own dataset, maps count that lie more than APART metres of travel behind it, and none ahead.
+    Of the query's own dataset, maps count that lie more than MIN_TRAVEL_APART behind it, and none ahead.
     """
     for done, candidate in enumerate(mapped(partial(_searcher, path), queries, jobs), start=1):
         if progress:
@@ -78,7 +78,7 @@ def look_up_one(index: MapIndex, query: Document) -> Candidate | None:
 
 def known_before(query: Document) -> Query:
     """The maps of other datasets, and those of the query's own that the robot had left before."""
-    past = NumberRange("travel", None, query.middle - APART)
+    past = NumberRange("travel", None, query.middle - MIN_TRAVEL_APART)
     return Or([Not(Term("dataset", query.dataset)), past])
 
 
@@ -87,4 +87,4 @@ def alignment_covariance(query: Shape, found: Shape, pose: Floats, mapping: Mapp
 
     As the runs of queries overlap, the loops of one visit repeat each other, and each says so much less.
     """
-    return fit_covariance(query, found, pose) * mapping.run_length / EVERY
+    return fit_covariance(query, found, pose) * mapping.run_length / QUERY_SPACING

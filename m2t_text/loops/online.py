@@ -13,7 +13,7 @@ from m2t_text.errors import M2TError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.loops.gate import Gate, Loop
 from m2t_text.loops.growing import GrowingDataset
-from m2t_text.loops.lookup import APART, Candidate, is_query, look_up_one
+from m2t_text.loops.lookup import MIN_TRAVEL_APART, Candidate, is_query, look_up_one
 from m2t_text.loops.uncertainty import Drift, exact
 from m2t_text.util.geometry import between, compose, inverse
 from m2t_text.util.rows import Rows
@@ -24,7 +24,7 @@ class OnlineLoops:
     """Takes the poses and the maps of a drive as they come, and says which loops are known by then.
 
     A map is looked up among those of an index: those of other datasets, and those of the drive itself that lie
-    more than APART metres of travel behind it. The loops of a whole log are found with this, too.
+    more than MIN_TRAVEL_APART metres of travel behind it. The loops of a whole log are found with this, too.
 
     Args:
         name: of the drive's dataset.
@@ -113,7 +113,7 @@ class OnlineLoops:
             return []
         self._last, self.queries = document, self.queries + 1
         if self._past is not None:
-            self._past.commit_up_to(document.middle - APART)
+            self._past.commit_up_to(document.middle - MIN_TRAVEL_APART)
         candidate = self._look_up(document)
         known = len(self.loops)
         if candidate is not None:

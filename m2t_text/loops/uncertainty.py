@@ -19,10 +19,10 @@ from m2t_text.util.types import Floats
 # Radish repository, over 3 to 200 m of travel, rounded up.
 MOVE = 0.02**2  # m² per m of travel, in every direction
 HEADING = 0.005**2  # rad² per m of travel
-TURN = 0.01**2  # rad² per rad of turning
+TURN_VARIANCE = 0.01**2  # rad² per rad of turning
 BIAS = 0.0003**2  # rad² per m² of travel: part of the error in heading is the same all the way
 STILL = (0.001**2, 0.001**2)  # m² and rad² of a step on which nothing moves
-LOST = (100.0**2, np.pi**2)  # m² and rad² of a step from one drive to the next, of which nothing is known
+UNKNOWN_STEP = (100.0**2, np.pi**2)  # m² and rad² of the step from one drive to the next
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,8 @@ class Drift:
         trajectory = self.trajectory[max(first - 1, 0) :]
         moves = between(trajectory[:-1], trajectory[1:])
         way, turn = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
-        steps = np.column_stack([STILL[0] + MOVE * way, STILL[1] + HEADING * way + TURN * turn])
-        steps[np.asarray(cuts, dtype=np.int64) - max(first, 1)] = LOST
+        steps = np.column_stack([STILL[0] + MOVE * way, STILL[1] + HEADING * way + TURN_VARIANCE * turn])
+        steps[np.asarray(cuts, dtype=np.int64) - max(first, 1)] = UNKNOWN_STEP
         self._steps.extend(steps)
         ends = trajectory[1:, :2]
         move, heading = steps.T

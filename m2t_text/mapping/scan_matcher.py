@@ -27,9 +27,9 @@ HELD = (0.005, 0.015)  # share of walls across a direction below which nothing h
 # Without wheels, the last motion is the guess for the next:
 SURPRISE = np.array([0.5, 0.4])  # m and rad by which that errs, before anything is known of the drive;
 MEMORY = 30  # scans over which it is learnt how much,
-LEAST = np.array([0.2, 0.1])  # m and rad; no less than this, or a change of speed is missed,
+MIN_SEARCH = np.array([0.2, 0.1])  # m and rad; no less than this, or a change of speed is missed,
 TRUSTED = 2.0  # times that is its standard deviation;
-LOST = 0.5  # share of inliers below which a wider search is tried,
+LOST_INLIERS = 0.5  # share of inliers below which a wider search is tried,
 WIDER, CLEARLY = 3.0, 0.1  # so many times as wide, and taken if so many more fit
 
 
@@ -117,9 +117,9 @@ class ScanMatcher:
         """The pose (3,) of a scan where nothing but the last motion predicts it."""
         predicted = compose(self._pose, self._motion)
         seen = self._reference(predicted)
-        sigma = np.maximum(TRUSTED * np.sqrt(self._surprise), LEAST)
+        sigma = np.maximum(TRUSTED * np.sqrt(self._surprise), MIN_SEARCH)
         shift, inliers = _found(seen, cloud, sigma)
-        if inliers < LOST:
+        if inliers < LOST_INLIERS:
             wide, more = _found(seen, cloud, WIDER * np.maximum(sigma, SURPRISE))
             shift = wide if more > inliers + CLEARLY else shift
         error = np.array([shift[0] ** 2 + shift[1] ** 2, shift[2] ** 2])

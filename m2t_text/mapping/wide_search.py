@@ -26,7 +26,7 @@ from m2t_text.util.types import Floats, Ints
 BLOCK = 4  # cells; side of a block
 COARSE_POINTS, BLOCKS = 90, 400  # points of which bounds are made, and blocks that are looked into, at most
 PLACES = 4  # that are refined,
-APART = (0.35, math.radians(8.0))  # m and rad; nearer ones are one
+SAME_POSE = (0.35, math.radians(8.0))  # m and rad; nearer ones are one
 NOTHING = -1e18
 
 
@@ -154,7 +154,7 @@ def _keep(places: Floats, scores: Floats, x: float, y: float, angle: float, scor
     at = last  # which is dropped
     for k in range(len(scores)):
         away = math.hypot(places[k, 0] - x, places[k, 1] - y)
-        if away < APART[0] and abs(places[k, 2] - angle) < APART[1] and scores[k] > NOTHING:
+        if away < SAME_POSE[0] and abs(places[k, 2] - angle) < SAME_POSE[1] and scores[k] > NOTHING:
             if scores[k] >= score:
                 return
             at = k

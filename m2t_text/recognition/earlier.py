@@ -11,7 +11,7 @@ from m2t_text.index.searchable import Searchable
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
-STEP = 0.5  # of a run's length, from the begin of one map to that of the next: they overlap by half
+OVERLAP_STEP = 0.5  # of a run's length, from the begin of one map to that of the next: they overlap by half
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def distances(metres: float, run_length: float) -> list[float]:
         metres: length of the part of the drive that counts, up to the end of the query's run.
         run_length: of a map, metres; without it, no other maps are taken.
     """
-    step = run_length * STEP
+    step = run_length * OVERLAP_STEP
     count = int(max(metres - run_length, 0.0) / step + 1e-9) if step else 0
     return [k * step for k in range(1, count + 1)]
 

@@ -22,7 +22,7 @@ from m2t_text.util.names import CLOUDS, SAVED_MAPS
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
 ROUNDING = 0.005  # m; travel is shown to two decimals, and what is shown must name the same map
-LIMIT = 1 << 26  # bytes; the longest text read, some hundred thousand times a map's
+MAX_TEXT_BYTES = 1 << 26  # bytes; the longest text read, some hundred thousand times a map's
 KINDS = (
     "a map id DATASET/NUMBER, LOG@METRES, LOG#SCAN, DATASET@METRES, "
     "a .txt or point cloud file, or - for standard input"
@@ -252,7 +252,7 @@ def _scan_after(metres: float, log: Log, context: Context) -> int:
 
 def _standard_input() -> bytes:
     try:
-        return sys.stdin.buffer.read(LIMIT + 1)
+        return sys.stdin.buffer.read(MAX_TEXT_BYTES + 1)
     except (AttributeError, OSError) as error:  # it is None or closed where a process is started without one
         raise QueryError("standard input cannot be read; pipe a text into it, or name a .txt file") from error
 
@@ -260,15 +260,15 @@ def _standard_input() -> bytes:
 def _contents(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(LIMIT + 1)
+            return file.read(MAX_TEXT_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise QueryError(f"cannot read the text {str(path)!r}: {reason}") from error
 
 
 def _parsed(contents: bytes, where: str) -> Text:
-    if len(contents) > LIMIT:
-        raise QueryError(f"{where} is longer than {LIMIT >> 20} MB: not the text of a map")
+    if len(contents) > MAX_TEXT_BYTES:
+        raise QueryError(f"{where} is longer than {MAX_TEXT_BYTES >> 20} MB: not the text of a map")
     try:
         text = parse(contents.decode("utf-8-sig"))
     except UnicodeDecodeError as error:

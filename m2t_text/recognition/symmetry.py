@@ -16,10 +16,10 @@ from m2t_text.recognition.verification import Alignment, aligned_from
 from m2t_text.util.geometry import compose, transform, wrap
 from m2t_text.util.types import Floats
 
-TURNS = 24  # directions tried; those of triangles, squares, hexagons and octagons are among them
+DIRECTIONS = 24  # directions tried; those of triangles, squares, hexagons and octagons are among them
 GRID = 0.3  # m; points less than one or two cells apart meet
 REFINED = 3  # poses that are aligned, those where most points meet
-APART = (1.0, np.radians(10.0))  # m and rad; nearer than both, a pose is the same one
+SAME_POSE = (1.0, np.radians(10.0))  # m and rad; nearer than both, a pose is the same one
 
 
 def other_poses(query: Raster, found: Raster, pose: Floats) -> list[Alignment]:
@@ -32,14 +32,14 @@ def other_poses(query: Raster, found: Raster, pose: Floats) -> list[Alignment]:
     if not len(placed) or not len(fixed):
         return []
     centre = placed.mean(axis=0)
-    angles = np.arange(TURNS) * (2 * np.pi / TURNS)
-    turns = compose(np.column_stack([np.tile(centre, (TURNS, 1)), angles]), np.append(-centre, 0.0))
+    angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
+    turns = compose(np.column_stack([np.tile(centre, (DIRECTIONS, 1)), angles]), np.append(-centre, 0.0))
     met = _overlap(fixed, [_in_reach(transform(turn, placed)) for turn in turns])
     offsets = np.fft.fftfreq(met.shape[1], 1 / met.shape[1]) * GRID
-    near = np.abs(offsets) <= APART[0]
+    near = np.abs(offsets) <= SAME_POSE[0]
     met[0, near[:, None] & near[None, :]] = 0  # the pose itself
-    best = met.reshape(TURNS, -1).argmax(axis=1)
-    most = met.reshape(TURNS, -1)[np.arange(TURNS), best]
+    best = met.reshape(DIRECTIONS, -1).argmax(axis=1)
+    most = met.reshape(DIRECTIONS, -1)[np.arange(DIRECTIONS), best]
     aligned = []
     for k in np.argsort(-most, kind="stable")[:REFINED]:
         shift = offsets[list(np.unravel_index(best[k], met.shape[1:]))]
@@ -53,7 +53,7 @@ def _in_reach(points: Floats) -> Floats:
 
 
 def _apart(a: Floats, b: Floats) -> bool:
-    return bool(np.hypot(*(a - b)[:2]) > APART[0] or abs(wrap(a[2] - b[2])) > APART[1])
+    return bool(np.hypot(*(a - b)[:2]) > SAME_POSE[0] or abs(wrap(a[2] - b[2])) > SAME_POSE[1])
 
 
 def _overlap(fixed: Floats, moved: Sequence[Floats]) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ from m2t_text.util.types import Floats
 from m2t_text.util.workers import threaded
 
 WINDOW = 20  # cells by which the viewpoints may lie apart; from opposite sides a 180° laser sees other walls
-TURNS = 4  # quarter turns, each of which is a start
+QUARTER_TURNS = 4  # quarter turns, each of which is a start
 STARTS = 2  # of them are aligned, those that agree best: the place, and often the place turned by 180°
 
 
@@ -77,7 +77,7 @@ def align_variously(query: Text, candidates: Sequence[Text], cell: float) -> lis
         nothing = np.zeros(3)
         return [[Alignment(nothing, Fit.of(raster, nothing, Raster.of(c, cell)), 0.0)] for c in candidates]
     packed = Texts.of(candidates)
-    scores = [agreed(packed, query, OffsetAgreement(WINDOW, (turn,))) for turn in range(TURNS)]
+    scores = [agreed(packed, query, OffsetAgreement(WINDOW, (turn,))) for turn in range(QUARTER_TURNS)]
     agreements = np.array([one.score for one in scores])
     starts = np.array([one.alignment for one in scores]) * [cell, cell, 1.0]
 

@@ -28,7 +28,7 @@ EVERY = 3.0  # m of travel from one submap to the next
 HALF, MORE = 6.0, 4.0  # m of travel to both sides of a submap's middle, and so many more of what it is laid on
 WINDOW = (6.0, np.radians(11.5))  # m and rad; half-width of the search
 TIED = 25.0  # m of travel by way of constraints, from which two places may be off
-APART = 25.0  # m of travel between two visits, at least
+MIN_TRAVEL_APART = 25.0  # m of travel between two visits, at least
 VIEW, REACH = 8.0, 16.0  # m; points farther away do not count for what a scan looks at, or are left out
 SPACING = (0.1, 0.03)  # m between the points of a submap, and of what it is laid on
 INLIERS = 0.6  # share of its points that find a partner
@@ -76,7 +76,7 @@ def _pairs(keys: KeyScans, poses: Floats, known: Constraints) -> Iterator[tuple[
             continue
         after = keys.way[scan] + EVERY
         near = np.sort(np.array(tree.query_ball_point(centres[scan], WINDOW[0]), dtype=np.int64))
-        other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > APART)
+        other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > MIN_TRAVEL_APART)
         near = near[(near < scan) & other & ~tied[near]]
         near = near[frame[keys.drives[near]] == frame[keys.drives[scan]]]
         for visit in np.split(near, np.flatnonzero(np.diff(near) > VISIT) + 1):

@@ -10,9 +10,9 @@ from m2t_text.mapping.scan_cloud import ScanCloud, scan_cloud
 from m2t_text.util.geometry import between, compose, travel, wrap
 from m2t_text.util.types import Floats, Ints
 
-STEP = (0.3, np.radians(20.0))  # m and rad from one key scan to the next
-TURN = 0.3  # m of way that one radian of turning counts as, where a correction is spread
-REACH = 3.0  # m; key scans farther away are not drawn into a submap
+KEY_STEP = (0.3, np.radians(20.0))  # m and rad from one key scan to the next
+METRES_PER_RADIAN = 0.3  # m of way that one radian of turning counts as, where a correction is spread
+SUBMAP_RADIUS = 3.0  # m; key scans farther away are not drawn into a submap
 SUBMAP = 3  # key scans before and after the one in a submap's middle
 
 
@@ -40,7 +40,7 @@ class KeyScans:
         first, last = max(middle - SUBMAP, 0), min(middle + SUBMAP, len(self) - 1)
         near = np.arange(first, last + 1)
         away = between(poses[middle], poses[near])
-        kept = (np.hypot(away[:, 0], away[:, 1]) <= REACH) & (self.drives[near] == self.drives[middle])
+        kept = (np.hypot(away[:, 0], away[:, 1]) <= SUBMAP_RADIUS) & (self.drives[near] == self.drives[middle])
         parts = [self.clouds[k].moved(pose) for k, pose in zip(near[kept], away[kept], strict=True)]
         return ScanCloud(
             np.concatenate([part.points for part in parts]), np.concatenate([part.normals for part in parts])
@@ -53,7 +53,7 @@ def key_scans(log: Log, trajectory: Floats) -> KeyScans:
     numbers = [0]
     for i, pose in enumerate(trajectory):
         last = trajectory[numbers[-1]]
-        far = np.hypot(*(pose - last)[:2]) > STEP[0] or abs(wrap(pose[2] - last[2])) > STEP[1]
+        far = np.hypot(*(pose - last)[:2]) > KEY_STEP[0] or abs(wrap(pose[2] - last[2])) > KEY_STEP[1]
         if far or drives[i] != drives[numbers[-1]]:
             numbers.append(i)
     chosen = np.array(numbers, dtype=np.int64)
@@ -74,6 +74,6 @@ def spread(trajectory: Floats, keys: KeyScans, corrected: Floats) -> Floats:
     ahead = compose(corrected[before], between(trajectory[begin], trajectory))
     behind = compose(corrected[after], between(trajectory[end], trajectory))
     turned = np.concatenate([[0.0], np.cumsum(np.abs(wrap(np.diff(trajectory[:, 2]))))])
-    way = travel(trajectory) + TURN * turned
+    way = travel(trajectory) + METRES_PER_RADIAN * turned
     share = np.clip((way - way[begin]) / np.maximum(way[end] - way[begin], 1e-9), 0.0, 1.0)
     return compose(ahead, between(ahead, behind) * share[:, None])

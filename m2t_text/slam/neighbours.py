@@ -23,8 +23,8 @@ from m2t_text.util.geometry import between, compose, inverse, wrap
 from m2t_text.util.types import Floats, Ints, Progress
 
 BEHIND = 3  # key scans before a scan to which it is tied
-NEAR = 2.5  # m between two key scans of different visits that are compared
-APART = 3.0  # m of travel between two visits, at least
+MAX_DISTANCE = 2.5  # m between two key scans of different visits that are compared
+MIN_TRAVEL_APART = 3.0  # m of travel between two visits, at least
 VISIT = 3  # key scans by which two of one visit may be apart
 KNOWN = 80.0  # m of travel from one key scan to the other by way of constraints: their relative place is known
 WINDOW = (0.6, np.radians(6.0))  # m and rad; the search about the place that is known
@@ -63,8 +63,8 @@ def pairs_nearby(keys: KeyScans, poses: Floats, known: Constraints) -> Ints:
     tree = KDTree(poses[:, :2])
     found = []
     for scan, tied in enumerate(reached(keys, known, KNOWN)):
-        near = np.sort(np.array(tree.query_ball_point(poses[scan, :2], NEAR), dtype=np.int64))
-        other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > APART)
+        near = np.sort(np.array(tree.query_ball_point(poses[scan, :2], MAX_DISTANCE), dtype=np.int64))
+        other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > MIN_TRAVEL_APART)
         near = near[(near < scan) & other]
         near = near[tied[near]]
         for visit in np.split(near, np.flatnonzero(np.diff(near) > VISIT) + 1):

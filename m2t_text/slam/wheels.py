@@ -16,7 +16,7 @@ from m2t_text.util.types import Floats, Ints
 SPANS = (1, 10, 30, 100)  # key scans over which wheels are compared with scan matching
 MEDIAN = 1.4826  # the standard deviation of normal errors, in medians of their absolute values
 STILL = 0.01  # m of travel that are taken for granted
-TURN = 0.1  # m of slip that one radian of turning counts as
+METRES_PER_RADIAN = 0.1  # m of slip that one radian of turning counts as
 WINDOW = 10  # key scans over which systematic errors are looked for
 REWEIGHTED = 10  # times, so that the fit follows the most of them, not the few that slip
 LEAST_ERRORS = np.array([1e-3, 1e-3])  # m and rad; smaller ones weigh alike
@@ -99,4 +99,4 @@ def _spread(way: Floats, turned: Floats, pairs: Ints) -> tuple[Floats, Floats]:
     """(P,) what the variances of place and heading grow with, between pairs (P, 2): metres."""
     first, last = pairs.T
     travel, turn = way[last] - way[first] + STILL, turned[last] - turned[first]
-    return travel + TURN * turn, travel + turn
+    return travel + METRES_PER_RADIAN * turn, travel + turn

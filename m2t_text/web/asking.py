@@ -8,7 +8,7 @@ from typing import Any
 from m2t_text.errors import QueryError
 from m2t_text.recognition.answer import SearchOptions
 
-MOST = 10_000  # maps in one list
+MAX_LISTED = 10_000  # maps in one list
 LAID = 10  # hits that one answer lays the query on, at most
 TRUE, FALSE = ("true", "1", "yes"), ("false", "0", "no")
 
@@ -43,7 +43,7 @@ class Search:
             raise QueryError("name what to look up: query=MAP_ID, or a text of tokens")
         exclude = values.get("exclude_travel")
         options = SearchOptions(
-            top=whole(values, "top", 10, MOST),
+            top=whole(values, "top", 10, MAX_LISTED),
             exclude_travel=None if exclude in (None, "") else _number("exclude_travel", exclude),
             verify=truth(values, "verify", True),
         )

@@ -14,12 +14,12 @@ from m2t_text.util.geometry import compose, transform
 from m2t_text.util.types import Floats
 from m2t_text.web.packing import Bytes, pack
 
-EVERY = 2.0  # m of travel from one map of the sample to the next
-MOST = 600  # maps of a dataset in the sample, evenly chosen
-CELLS = 200_000  # drawn of a dataset; where there are more, cells of twice the size are drawn
-SPAN = 1 << 16  # cells from one end of a building to the other, at most
-SEEN = 255  # maps that saw one cell, at most
-FLOOR = 2  # cells; the floor is drawn in coarser ones
+SAMPLE_SPACING = 2.0  # m of travel from one map of the sample to the next
+MAX_SAMPLE = 600  # maps of a dataset in the sample, evenly chosen
+MAX_CELLS = 200_000  # drawn of a dataset; where there are more, cells of twice the size are drawn
+MAX_SPAN = 1 << 16  # cells from one end of a building to the other, at most
+MAX_SEEN = 255  # maps that saw one cell, at most
+FLOOR_FACTOR = 2  # cells; the floor is drawn in coarser ones
 
 Columns = dict[str, NDArray[Any]]
 Drawn = tuple[dict[str, Any], Columns]  # a header, and what it describes
@@ -67,7 +67,7 @@ def drawn(documents: Sequence[Document], cell: float) -> Drawn:
 def drawn_image(grid: Grid) -> Drawn:
     """The same of the cells of a saved map. All its walls are as sure as walls can be."""
     header, columns = _in_cells([grid.centres(OCCUPIED)], [grid.centres(FREE)], grid.resolution)
-    columns["seen"][:] = SEEN
+    columns["seen"][:] = MAX_SEEN
     return header, columns
 
 
@@ -76,12 +76,12 @@ def _in_cells(walls: Sequence[Floats], floors: Sequence[Floats], cell: float) ->
     points = np.concatenate([np.zeros((0, 2)), *walls, *floors])
     origin = np.floor(points.min(axis=0) / cell) * cell if len(points) else np.zeros(2)
     cells, seen, side = gathered([one - origin for one in walls], cell)
-    free, _, free_side = gathered([one - origin for one in floors], FLOOR * cell)
+    free, _, free_side = gathered([one - origin for one in floors], FLOOR_FACTOR * cell)
     header = {"cell": side, "floor_cell": free_side, "origin": origin.tolist(), "maps": len(walls)}
     return header, {
         "x": cells[:, 0].astype(np.uint16),
         "y": cells[:, 1].astype(np.uint16),
-        "seen": np.minimum(seen, SEEN).astype(np.uint8),
+        "seen": np.minimum(seen, MAX_SEEN).astype(np.uint8),
         "floor_x": free[:, 0].astype(np.uint16),
         "floor_y": free[:, 1].astype(np.uint16),
     }
@@ -89,11 +89,11 @@ def _in_cells(walls: Sequence[Floats], floors: Sequence[Floats], cell: float) ->
 
 def sample(travel: Floats) -> NDArray[np.int64]:
     """Which of the maps of a dataset are drawn, given the metres of travel (M,) at which they begin."""
-    steps = np.floor(travel / EVERY)
+    steps = np.floor(travel / SAMPLE_SPACING)
     first = np.unique(steps, return_index=True)[1] if np.ptp(travel) > 0 else np.arange(len(travel))
-    if len(first) <= MOST:
+    if len(first) <= MAX_SAMPLE:
         return first
-    return first[np.linspace(0, len(first) - 1, MOST).astype(np.int64)]
+    return first[np.linspace(0, len(first) - 1, MAX_SAMPLE).astype(np.int64)]
 
 
 def placed(document: Document, points: Floats) -> Floats:
@@ -104,7 +104,7 @@ def placed(document: Document, points: Floats) -> Floats:
 def _floor(document: Document) -> Floats:
     """(N, 2) middles of free cells of a map, every second in x and in y, in units of cells."""
     grid = document.text.free.grid
-    cells = np.argwhere(grid.cells[::FLOOR, ::FLOOR]) * FLOOR
+    cells = np.argwhere(grid.cells[::FLOOR_FACTOR, ::FLOOR_FACTOR]) * FLOOR_FACTOR
     return cells + np.array([grid.x + 0.5, grid.y + 0.5])
 
 
@@ -113,17 +113,17 @@ def gathered(maps: Sequence[Floats], cell: float) -> tuple[NDArray[np.int64], ND
     (N,); and the side of a cell, a multiple of ``cell`` at which they are not too many."""
     span = max((float(points.max()) for points in maps if len(points)), default=0.0)
     while True:
-        if span / cell < SPAN - 1:
+        if span / cell < MAX_SPAN - 1:
             each = [np.unique(_numbers(points, cell)) for points in maps]
             everything = np.concatenate([np.zeros(0, dtype=np.int64), *each])
             numbers, seen = np.unique(everything, return_counts=True)
-            if len(numbers) <= CELLS:
-                return np.stack(np.divmod(numbers, SPAN), axis=1), seen, cell
+            if len(numbers) <= MAX_CELLS:
+                return np.stack(np.divmod(numbers, MAX_SPAN), axis=1), seen, cell
         cell *= 2
 
 
 def _numbers(points: Floats, cell: float) -> NDArray[np.int64]:
     """(N,) one number for the cell of each point."""
     cells = np.floor(points / cell + 1e-9).astype(np.int64)
-    numbers: NDArray[np.int64] = cells[:, 0] * SPAN + cells[:, 1]
+    numbers: NDArray[np.int64] = cells[:, 0] * MAX_SPAN + cells[:, 1]
     return numbers

@@ -22,7 +22,7 @@ from m2t_text.config import PROFILES
 from m2t_text.description.document import Document
 from m2t_text.description.free_squares import NO_SQUARES
 from m2t_text.evaluation.metrics import pose_error
-from m2t_text.evaluation.protocol import APART, POSE_RIGHT, UNVISITED, GroundTruth, draw
+from m2t_text.evaluation.protocol import MIN_TRAVEL_APART, POSE_RIGHT, UNVISITED, GroundTruth, draw
 from m2t_text.evaluation.saved_maps import ON_WALL, SavedMap, build_map, write_map
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log
@@ -199,7 +199,9 @@ def _tasks(source: Source, index: MapIndex, count: int) -> Iterator[_Task]:
 
             query = Query.of(documents[k])
             near = Or([Term("map_id", ids[i]) for i in np.flatnonzero(truth.distances(k) <= UNVISITED)])
-            yield _Task(kind, query, right, query.excluding(APART), Not(near) if kind == TAKEN_OUT else None)
+            yield _Task(
+                kind, query, right, query.excluding(MIN_TRAVEL_APART), Not(near) if kind == TAKEN_OUT else None
+            )
 
 
 def _in_saved_map(source: Source, folder: Path, count: int) -> Iterator["_Row | None"]:

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from m2t_text.description.free_cells import WORTH, FreeSpace, covering, free_squares
-from m2t_text.description.free_squares import LEAST, MOST, NO_SQUARES, REACH, CellGrid, FreeSquares
+from m2t_text.description.free_cells import MIN_NEW_CELLS, FreeSpace, covering, free_squares
+from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, NO_SQUARES, CellGrid, FreeSquares
 from m2t_text.description.text import Text, parse
 from m2t_text.errors import TextError
 from m2t_text.util.geometry import inverse, transform
 
-SQUARE = st.tuples(st.integers(-60, 60), st.integers(-60, 60), st.integers(LEAST, 40))
+SQUARE = st.tuples(st.integers(-60, 60), st.integers(-60, 60), st.integers(MIN_SIDE, 40))
 SQUARES = st.lists(SQUARE, max_size=12).map(lambda rows: FreeSquares.of(*np.array(rows).reshape(-1, 3).T))
 GRIDS = arrays(
     np.bool_, st.tuples(st.integers(0, 40), st.integers(0, 40)), elements=st.just(True), fill=st.booleans()
@@ -75,7 +75,8 @@ def test_squares_out_of_range_are_refused(token):
 
 
 @pytest.mark.parametrize(
-    "square", [(0, 0, 3), (0, 0, MOST + 1), (REACH.stop - 4, 0, 5), (0, REACH[0] - 1, 9), (40_000, 0, 4)]
+    "square",
+    [(0, 0, 3), (0, 0, MAX_SIDE + 1), (CELL_RANGE.stop - 4, 0, 5), (0, CELL_RANGE[0] - 1, 9), (40_000, 0, 4)],
 )
 def test_no_such_squares_are_made(square):
     with pytest.raises(TextError, match="free square"):
@@ -125,8 +126,8 @@ def test_few_squares_cover_nearly_all_that_squares_can(seed):
     assert covered <= possible and len(covered) > 0.9 * len(possible)
     assert (
         len(squares) < len(possible) / 20
-    )  # nor is any in vain: each adds WORTH cells to those taken before it
-    assert len(squares) * WORTH <= len(covered)
+    )  # nor is any in vain: each adds MIN_NEW_CELLS cells to those taken before it
+    assert len(squares) * MIN_NEW_CELLS <= len(covered)
 
 
 def test_a_free_square_is_covered_by_itself():
@@ -137,9 +138,9 @@ def test_a_free_square_is_covered_by_itself():
 
 
 def test_what_is_too_far_away_is_left_out():
-    free = CellGrid(REACH.stop - 10, REACH[0] - 3, np.ones((30, 30), dtype=np.bool_))
-    assert max(x for x, _ in cells_of(covering(free))) == REACH[-1]
-    assert min(y for _, y in cells_of(covering(free))) == REACH[0]
+    free = CellGrid(CELL_RANGE.stop - 10, CELL_RANGE[0] - 3, np.ones((30, 30), dtype=np.bool_))
+    assert max(x for x, _ in cells_of(covering(free))) == CELL_RANGE[-1]
+    assert min(y for _, y in cells_of(covering(free))) == CELL_RANGE[0]
     assert not len(covering(CellGrid(5000, 0, np.ones((30, 30), dtype=np.bool_))))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from m2t_text.config import PROFILES
 from m2t_text.errors import LogError, M2TError
-from m2t_text.live.survey import MOST, SPACING, LiveSurvey
+from m2t_text.live.survey import MAX_SCANS, SPACING, LiveSurvey
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.local_map import LocalMap, local_maps, run_starts
@@ -98,9 +98,9 @@ def test_what_is_kept_is_bounded_however_long_the_robot_stands_or_turns(log: Log
     for k in range(50):
         live.add(replace(log.scans[-1], ranges=log.scans[-1].ranges + 1e-4 * (k % 3)))
     assert len(live._kept) <= driven + 3
-    live._kept[:] = live._kept[-1:] * (MOST + 50)
+    live._kept[:] = live._kept[-1:] * (MAX_SCANS + 50)
     live.add(log.scans[-1])
-    assert len(live._kept) <= MOST + 1
+    assert len(live._kept) <= MAX_SCANS + 1
 
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0), (np.nan, 0.0, 0.0), (50.0, 0.0, 0.0)])

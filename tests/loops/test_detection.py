@@ -13,7 +13,7 @@ from m2t_text.evaluation.loops import assess, trajectory_error
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.simulation.simulator import Simulation, simulate
-from m2t_text.loops.detection import KEPT, LoopDetection, detect_loops
+from m2t_text.loops.detection import MAP_SPACING, LoopDetection, detect_loops
 from m2t_text.loops.gate import Loop
 from m2t_text.loops.graph import pose_graph
 from m2t_text.mapping.trajectory import survey
@@ -112,6 +112,6 @@ def indexed(log: Log, path: Path) -> MapIndex:
     """An index of every so many maps of one log."""
     index = MapIndex.create(path, PROFILES["default"])
     whole = survey(log, index.parameters.mapping)
-    documents = describe_survey(whole, log.name, index.parameters, spacing=KEPT)
+    documents = describe_survey(whole, log.name, index.parameters, spacing=MAP_SPACING)
     index.replace(log.name, documents, (len(log.scans), float(whole.way[-1])))
     return index

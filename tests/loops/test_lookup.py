@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from m2t_text.config import MappingParameters
-from m2t_text.loops.lookup import EVERY, alignment_covariance
+from m2t_text.loops.lookup import QUERY_SPACING, alignment_covariance
 from m2t_text.mapping.normals import cloud_normals
 from m2t_text.recognition.covariance import REMAINDER
 from m2t_text.recognition.raster import NORMAL_REACH, Shape
@@ -68,7 +68,7 @@ def test_the_fit_has_the_slopes_of_its_residuals():
         for step in (*np.eye(3) * 1e-6, *np.eye(3) * -1e-6)
     ]
     slopes = np.column_stack([(residuals[k] - residuals[k + 3]) / 2e-6 for k in range(3)])
-    fit = covariance(CORRIDOR, pose) * EVERY / MAPPING.run_length - np.diag(REMAINDER**2)
+    fit = covariance(CORRIDOR, pose) * QUERY_SPACING / MAPPING.run_length - np.diag(REMAINDER**2)
     expected = np.linalg.inv(slopes.T @ slopes)
     assert fit / np.trace(fit) == pytest.approx(expected / np.trace(expected), rel=0.02, abs=1e-3)
 

@@ -8,7 +8,7 @@ from m2t_text.loops.uncertainty import (
     HEADING,
     MOVE,
     STILL,
-    TURN,
+    TURN_VARIANCE,
     Drift,
     PoseWithCovariance,
     adjoint,
@@ -58,7 +58,7 @@ def test_a_straight_way_by_hand():
 
 def test_turning_on_the_spot_costs_heading():
     turned = Drift(np.array([[0.0, 0, 0], [0, 0, 1.5]])).relative(0, 1)
-    assert turned.covariance[2, 2] == pytest.approx(1.5 * TURN + STILL[1])
+    assert turned.covariance[2, 2] == pytest.approx(1.5 * TURN_VARIANCE + STILL[1])
 
 
 @pytest.mark.parametrize(("origin", "place"), [(0, 39), (7, 8), (12, 30), (30, 12), (39, 0), (5, 5)])

@@ -203,7 +203,7 @@ def test_each_broken_text_is_told(
 
 
 def test_an_endless_text_is_refused(context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("m2t_text.recognition.queries.LIMIT", 10)
+    monkeypatch.setattr("m2t_text.recognition.queries.MAX_TEXT_BYTES", 10)
     path = tmp_path / "long.txt"
     path.write_text("x1_y2_a3 x1_y2_a3")
     with pytest.raises(QueryError, match="longer than"):

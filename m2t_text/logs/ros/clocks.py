@@ -16,7 +16,7 @@ from m2t_text.util.types import Floats
 SLACK = 0.1  # s by which stamps of one sender may be out of order
 LASTING = 3  # messages behind the latest stamp that are no stragglers: the clock was set back
 TOGETHER = 5.0  # s of recording within which senders notice that the clock was set back
-APART = 1.0  # s between two clocks; recording takes less
+MAX_CLOCK_DIFFERENCE = 1.0  # s between two clocks; recording takes less
 STEADY = 0.3  # s by which recording may be late, more or less, to tell two clocks apart
 
 
@@ -120,7 +120,7 @@ def _clock(stream: Stream, epochs: NDArray[np.int64], other: Stream, others: NDA
     late, usual = _median(ours), _median(theirs)
     steady = _median(np.abs(ours - late)) < STEADY and _median(np.abs(theirs - usual)) < STEADY
     known = np.isfinite(ours).any() and np.isfinite(theirs).any()
-    return late - usual if known and steady and abs(late - usual) > APART else 0.0
+    return late - usual if known and steady and abs(late - usual) > MAX_CLOCK_DIFFERENCE else 0.0
 
 
 def _median(values: Floats) -> float:

@@ -19,7 +19,7 @@ STEADY = (
     0.05,
     0.05,
 )  # m and rad in the plane; a frame that moves by less in its parent only trembles, or tilts
-LIMIT = 1e6  # m; beyond it a number is damage, and arithmetic on it would overflow
+MAX_COORDINATE = 1e6  # m; beyond it a number is damage, and arithmetic on it would overflow
 ODOMETRY = "odom"  # in the name of the frame in which the robot drives
 MAP = ("map", "world", "earth")  # in which a localisation puts that frame
 
@@ -31,7 +31,9 @@ def rigid(translation: Sequence[float], quaternion: Sequence[float]) -> Floats:
     """
     x, y, z, w = quaternion
     norm = float(np.hypot(np.hypot(x, y), np.hypot(z, w)))
-    if not 1e-3 < norm < 1e3 or not all(abs(metres) < LIMIT for metres in translation):  # false for NaN, too
+    if not 1e-3 < norm < 1e3 or not all(
+        abs(metres) < MAX_COORDINATE for metres in translation
+    ):  # false for NaN, too
         raise PartError("with a pose that is none")
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     return np.array(

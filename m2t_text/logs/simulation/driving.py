@@ -10,7 +10,7 @@ from m2t_text.util.types import Floats
 AHEAD = 0.4  # m; the robot steers towards the point of the tour that lies so far ahead
 WANDER = 0.2  # m; standard deviation of the drive from the tour, so that no visit repeats another exactly,
 TAPER = 4.0  # m; less so within this distance of the tour's corners, as some lie before doors
-TURN = np.radians([10.0, 15.0])  # most that the robot turns between two scans: between these on any drive
+TURN_PER_SCAN = np.radians([10.0, 15.0])  # most that the robot turns between two scans, by the drive
 SHARP = np.radians(30.0)  # from here on the robot turns on the spot
 STRETCH = 8.0  # m; people walk up and down straight parts of the tour of at least this length,
 ASIDE = 0.75  # m beside it,
@@ -34,7 +34,7 @@ def drive(rng: Generator, tour: Floats, step: float) -> Floats:
     It turns on the spot where it turns sharply.
     """
     place = travel(tour)
-    most = rng.uniform(*TURN)
+    most = rng.uniform(*TURN_PER_SCAN)
     knots = np.arange(0.0, place[-1] + 4.0, 2.0)
     lateral = rng.normal(0.0, WANDER, (len(knots), 2)).clip(-1.5 * WANDER, 1.5 * WANDER)
 

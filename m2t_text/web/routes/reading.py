@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, Response
 
 from m2t_text import __version__
 from m2t_text.errors import QueryError
-from m2t_text.web.asking import MOST, Search, whole, words
+from m2t_text.web.asking import MAX_LISTED, Search, whole, words
 from m2t_text.web.routes import answers
 from m2t_text.web.routes.openapi import document as openapi
 from m2t_text.web.served import Committed, NoIndexError
@@ -77,7 +77,7 @@ class Reading:
     async def maps(self, request: Request) -> Response:
         values = request.query_params
         where, dataset = words(values, "where"), words(values, "dataset")
-        offset, limit = whole(values, "offset", 0, 1 << 40), whole(values, "limit", 100, MOST)
+        offset, limit = whole(values, "offset", 0, 1 << 40), whole(values, "limit", 100, MAX_LISTED)
         committed = await self._site.committed(request)
         return JSONResponse(
             await self._site.search(lambda: answers.listed(committed, where, dataset, offset, limit))

@@ -14,7 +14,7 @@ from m2t_text.web.uploads.files import Upload
 
 OTHER_VISITS = 10.0  # m; of a drive that is in the index, maps nearer by travel are the same visit
 TOP = 3  # hits told of each place
-STEP = 0.5  # s to wait for the next place of a drive that is being read, before its progress is told
+PROGRESS_INTERVAL = 0.5  # s to wait for the next place of a drive that is being read
 
 
 class Drive(Protocol):
@@ -38,7 +38,7 @@ class UploadedDrive:
         self._upload = upload
 
     def places(self, begin: int, most: int) -> list[Document]:
-        self._upload.wait(begin, STEP)
+        self._upload.wait(begin, PROGRESS_INTERVAL)
         return self._upload.documents[begin : begin + most]
 
     @property

@@ -21,7 +21,7 @@ from m2t_text.web.uploads.processes import Process, Readers, end, listen
 from m2t_text.web.walls import Drawn
 
 AT_ONCE = 2  # files that are received or read
-KEPT = 8  # uploads; the oldest goes when one more comes
+MAX_UPLOADS = 8  # uploads; the oldest goes when one more comes
 BYTES = 200 * 10**6  # of a file
 IMAGES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg")
 
@@ -168,7 +168,7 @@ class Uploads:
     def _forget(self) -> None:
         """Removes the oldest that are done, so that there is room for one more."""
         settled = [one for one in self.all() if one.done or one.state == WAITING]
-        for upload in settled[: max(0, len(self._uploads) - KEPT + 1)]:
+        for upload in settled[: max(0, len(self._uploads) - MAX_UPLOADS + 1)]:
             self._remove(upload)
 
     def remove(self, upload: str) -> None:

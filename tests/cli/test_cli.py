@@ -124,7 +124,7 @@ def test_version(call: Call) -> None:
 def test_help_and_version_import_nothing_heavy() -> None:
     code = (
         "import sys; from m2t_text.cli import run\n"
-        "for line in (['--help'], ['--version'], ['search', '--help'], ['index', '--help'], ['search']):\n"
+        "for line in (['--help'], ['--version'], ['search', '--help'], ['index', '--help'], ['inspect']):\n"
         "    run(line)\n"
         "heavy = {'numpy', 'scipy', 'numba', 'whoosh', 'matplotlib'} & set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy else 0)"
@@ -380,7 +380,8 @@ def test_the_environment_names_the_index(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["search"], "Missing argument"),
+        (["inspect"], "Missing argument"),
+        (["search"], "name one QUERY, or a file of them with --queries FILE"),
         (["serach", "x"], "No such command 'serach'. Did you mean 'search'?"),
         (["search", "x", "y"], "unexpected extra argument"),
         (["search", "x", "--bottom", "3"], "No such option"),

@@ -56,7 +56,8 @@ def test_a_bag_is_a_source_and_a_query(call: Call, bag: Path, simulated_index: P
     assert median(alike(index.document(i).text, other.document(i).text) for i in index.ids[::20]) > 0.95
     for target in (f"{bag}#40", f"{bag}@{index.document('drive/000040').travel[0]:.2f}"):
         answer = json.loads(call("search", target, "--index", "i", "--json", "--top", 1, *topics)[1])
-        assert answer["query"]["map_id"] == answer["results"][0]["map_id"] == "drive/000040"
+        assert answer["query"]["map_id"] == "drive/000040"
+        assert abs(answer["results"][0]["first_scan"] - 40) <= 2  # a run by itself, and maps that overlap
     status, out, _ = call("inspect", f"{bag}#40", "--name", "monday", "--json", *topics)
     assert status == 0 and json.loads(out)["map_id"] == "monday/000040"
 

@@ -44,7 +44,7 @@ def loops(
 ) -> None:
     """Find where a drive comes back to places, as the loop edges of a pose graph.
 
-    The log is detection in the order of time, and each place is looked up among those that the robot had left
+    The log is read in the order of time, and each place is looked up among those that the robot had left
     before. Only a `match` that neither the trajectory nor another loop contradicts becomes an edge. With an
     index, places of other drives count too, and its own past as far as the index holds it.
 

@@ -1,7 +1,6 @@
 """Many queries in one go: read from a file, looked up side by side, and told of line by line."""
 
 import sys
-from itertools import islice
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -120,7 +119,7 @@ def _print(name: str, answers: "list[Answer]", index: "Searchable", seconds: flo
     for answer in answers:
         finding = answer.finding
         sure = finding.assessment.probability
-        best = next(islice(finding.results, 1), None)
+        best = finding.results[0] if finding.results else None
         place = None if best is None or finding.verdict == "none" else best.dataset_pose
         rows.append(
             [

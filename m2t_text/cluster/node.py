@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import sleep
 from types import FrameType
+from typing import Any
 
 from m2t_text.cluster.connection import (
     NAMESPACE,
@@ -103,12 +104,10 @@ def watch(node: Node) -> None:
         ending.wait(AGAIN)
 
 
-def start(role: str, *arguments: str) -> subprocess.Popen[bytes]:
-    """Starts a process of this module."""
-    environment = {**os.environ, **settings()}
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "m2t_text.cluster.node", role, *arguments], env=environment
-    )
+def start(role: str, *arguments: str, **options: Any) -> subprocess.Popen[bytes]:
+    """Starts a process of this module; the options are those of `subprocess.Popen`."""
+    command = [sys.executable, "-P", "-m", "m2t_text.cluster.node", role, *arguments]
+    return subprocess.Popen(command, env={**os.environ, **settings()}, **options)
 
 
 def ray_arguments(node: Node) -> list[str]:

@@ -3,18 +3,18 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from subprocess import DEVNULL
 from time import monotonic, sleep
 
 import platformdirs
 
 from m2t_text.cluster.connection import PORT, is_loopback, loaded, own_address, settings, split
 from m2t_text.cluster.node import Node
+from m2t_text.cluster.node import start as start_process
 from m2t_text.cluster.ray_carrier import cluster_index
 from m2t_text.cluster.remote import open_store
 from m2t_text.errors import ClusterError
@@ -112,11 +112,9 @@ def _run(node: Node) -> Started:
     name = f"{node.role}-{node.address.replace(':', '-')}-{os.getpid()}"
     log = _folder() / f"{name}.log"
     with log.open("wb") as opened:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "m2t_text.cluster.node", node.role, node.to_json()],
-            env={**os.environ, **settings()},
-            stdin=subprocess.DEVNULL, stdout=opened, stderr=opened, start_new_session=True,
-        )  # fmt: skip
+        process = start_process(
+            node.role, node.to_json(), stdin=DEVNULL, stdout=opened, stderr=opened, start_new_session=True
+        )
     started = Started(node.address, node.folder, process.pid, str(log))
     (_folder() / f"{name}.json").write_text(json.dumps(asdict(started)))
     while not started.runs and process.poll() is None:  # it is about to become what it is to be

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
 from m2t_text.live.evidence import Candidate
-from m2t_text.recognition.covariance import carried, fit_covariance
+from m2t_text.recognition.covariance import dataset_covariance
+from m2t_text.recognition.finding import symmetric
 from m2t_text.recognition.fit import Fit
 from m2t_text.recognition.found import Found
-from m2t_text.recognition.raster import Raster, Shape
-from m2t_text.recognition.symmetry import other_poses
+from m2t_text.recognition.queries import Query
+from m2t_text.recognition.raster import Raster
 from m2t_text.recognition.verdict import Assessment
 from m2t_text.recognition.verification import Alignment, relative_pose
 from m2t_text.util.geometry import between, compose
@@ -51,10 +52,8 @@ def candidates(
 
     for found in results:
         yield from (placed(found.hit.document, one) for one in found.alignments)
-    best, cell = results[0], index.parameters.mapping.cell
-    rasters = Raster.of(document.text, cell), Raster.of(index.document(best.hit.map_id).text, cell)
-    assert best.alignment is not None
-    yield from (placed(best.hit.document, one) for one in other_poses(*rasters, best.alignment.pose))
+    for found in symmetric(index, Query.of(document), results[0]):
+        yield from (placed(found.hit.document, one) for one in found.alignments)
 
 
 def may_fit(index: MapIndex, sought: Sought, newest: Document) -> bool:
@@ -73,7 +72,5 @@ def may_fit(index: MapIndex, sought: Sought, newest: Document) -> bool:
 def covariance_of(index: MapIndex, document: Document, best: Found, motion: Floats) -> Floats:
     """(3, 3) covariance of the robot's pose in the axes of the dataset's frame."""
     assert best.alignment is not None
-    cell, there = index.parameters.mapping.cell, index.document(best.hit.map_id)
-    loose = fit_covariance(Shape.of(document.text, cell), Shape.of(there.text, cell), best.alignment.pose)
-    viewpoint = compose(compose(there.pose, there.viewpoint), best.alignment.pose)
-    return carried(loose, viewpoint, between(document.viewpoint, motion))
+    there = index.document(best.hit.map_id)
+    return dataset_covariance(document, there, best.alignment, index.parameters.mapping.cell, motion)

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from m2t_text.logs.log import Log
 from m2t_text.util.geometry import compose, inverse
 
@@ -26,10 +24,3 @@ def joined(logs: Sequence[Log], name: str) -> Log:
         drives = scans[-1].drive + 1
     warnings = tuple(f"{log.name}: {warning}" for log in logs for warning in log.warnings)
     return Log(name, tuple(scans), laser, None, warnings, all(log.has_odometry for log in logs))
-
-
-def without_odometry(log: Log) -> Log:
-    """The log as if the robot had no wheels: it stands at every scan."""
-    nowhere = np.zeros(3)
-    scans = tuple(replace(scan, odometry=nowhere) for scan in log.scans)
-    return replace(log, scans=scans, has_odometry=False)

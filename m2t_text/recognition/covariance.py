@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from m2t_text.description.document import Document
 from m2t_text.recognition.raster import INLIER, Shape
 from m2t_text.recognition.verification import Alignment
-from m2t_text.util.geometry import compose, inverse, transform
+from m2t_text.util.geometry import between, compose, inverse, transform
 from m2t_text.util.types import Floats
 
 # Errors of alignments on the five logs of the Radish repository:
@@ -16,6 +16,7 @@ KNOWN_ANYWAY = np.array([1e-2, 1e-2, 1e-1])  # 1/m², 1/m², 1/rad²; informatio
 CORRELATION = 25.0  # neighbouring keypoints err together: so many count as one
 SAMPLED = 1000  # keypoints of the query at most: more say no more
 PAIRS = 1 << 20  # of keypoints compared at once
+STILL = np.zeros(3)
 
 
 def fit_covariance(query: Shape, found: Shape, pose: Floats) -> Floats:
@@ -54,14 +55,17 @@ def _nearest(points: Floats, walls: Floats) -> NDArray[np.int64]:
     return nearest
 
 
-def dataset_covariance(query: Document, found: Document, alignment: Alignment, cell: float) -> Floats:
-    """(3, 3) covariance of the query's first-scan pose in the frame of the found map's dataset, in its axes.
+def dataset_covariance(
+    query: Document, found: Document, alignment: Alignment, cell: float, motion: Floats = STILL
+) -> Floats:
+    """(3, 3) covariance of the robot's pose in the frame of the found map's dataset, in its axes.
 
-    The found map counts as known exactly.
+    It is that of the query's first scan, or where ``motion`` (3,) leads from there. The found map counts as
+    known exactly.
     """
     loose = fit_covariance(Shape.of(query.text, cell), Shape.of(found.text, cell), alignment.pose)
     viewpoint = compose(compose(found.pose, found.viewpoint), alignment.pose)
-    return carried(loose, viewpoint, inverse(query.viewpoint))
+    return carried(loose, viewpoint, between(query.viewpoint, motion))
 
 
 def carried(covariance: Floats, pose: Floats, further: Floats) -> Floats:

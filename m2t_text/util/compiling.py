@@ -24,7 +24,6 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
 COMPILED = ("description", "index/kernels", "mapping", "recognition", "saved_maps")  # have compiled functions
-SETTING = "NUMBA_CACHE_DIR"  # the variable that names a folder for them
 
 
 def kernel(function: Function) -> Function:

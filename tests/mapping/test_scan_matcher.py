@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from drives import without_odometry
 
 from m2t_text.logs import Log
-from m2t_text.logs.joining import joined, without_odometry
+from m2t_text.logs.joining import joined
 from m2t_text.logs.log import Scan
 from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.mapping.normals import normals

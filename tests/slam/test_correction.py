@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import without_odometry
 
 from m2t_text.evaluation.loops import trajectory_error
 from m2t_text.logs import Log
-from m2t_text.logs.joining import joined, without_odometry
+from m2t_text.logs.joining import joined
 from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.loops.detection import LoopDetection
 from m2t_text.mapping.scan_cloud import ScanCloud

@@ -4,6 +4,7 @@ Compiled code computes with them as with numbers: ``&``, ``|``, ``^`` and ``~`` 
 """
 
 import operator
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -64,28 +65,23 @@ def _pointer(context: Any, builder: Any, array: Any, value: Any, place: Any) -> 
     return builder.gep(context.make_array(array)(context, builder, value).data, [place])
 
 
+def _load_lanes(context: Any, builder: Any, signature: Any, arguments: Any, align: int) -> Any:
+    """A vector from a row of an array on, whose rows have an element for each lane."""
+    place = builder.mul(arguments[1], WORD(LANES))
+    pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
+    return builder.load(builder.bitcast(pointer, VECTOR.as_pointer()), align=align)
+
+
 @intrinsic
 def at(typing: Any, array: Any, row: Any) -> Any:
     """A row of a C-contiguous (N, 4) uint64 array."""
-
-    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = builder.mul(arguments[1], WORD(LANES))
-        pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
-        return builder.load(builder.bitcast(pointer, VECTOR.as_pointer()), align=8)
-
-    return lanes(array, types.uint64), load
+    return lanes(array, types.uint64), partial(_load_lanes, align=8)
 
 
 @intrinsic
 def bytes_at(typing: Any, array: Any, row: Any) -> Any:
     """Eight rows of a C-contiguous (N, 4) uint8 array, from one on; see `by_lane`."""
-
-    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = builder.mul(arguments[1], WORD(LANES))
-        pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
-        return builder.load(builder.bitcast(pointer, VECTOR.as_pointer()), align=1)
-
-    return lanes(array, types.uint64), load
+    return lanes(array, types.uint64), partial(_load_lanes, align=1)
 
 
 @intrinsic

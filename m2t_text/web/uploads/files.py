@@ -23,7 +23,6 @@ from m2t_text.web.walls import Drawn
 AT_ONCE = 2  # files that are received or read
 MAX_UPLOADS = 8  # uploads; the oldest goes when one more comes
 BYTES = 200 * 10**6  # of a file
-IMAGES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg")
 
 
 WAITING, RECEIVING, READING, READY, FAILED = "waiting", "receiving", "reading", "ready", "failed"

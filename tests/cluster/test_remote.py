@@ -2,10 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
-from subprocess import run
 
 import pytest
-from calling import PROGRAM
 from map_oracle import random_documents
 
 from m2t_text.cluster.cluster_index import ClusterIndex
@@ -15,6 +13,7 @@ from m2t_text.cluster.writing import sharded_writer
 from m2t_text.config import PROFILES
 from m2t_text.errors import ClusterError, DamageError
 from m2t_text.index.map_index import MapIndex
+from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 
 pytest.importorskip("fsspec", reason="fsspec is not installed")
 DATASETS = {f"d{k}": random_documents(k, f"d{k}", 20) for k in range(4)}
@@ -96,14 +95,15 @@ def test_what_is_a_url_and_what_a_path(tmp_path):
         open_store("nonsense://bucket/fleet")
 
 
-def test_the_command_line_takes_urls(tmp_path, simulated, monkeypatch):
+def test_the_command_line_takes_urls(tmp_path, call, monkeypatch):
     monkeypatch.setenv(CACHE, str(tmp_path / "copies"))
-    where = f"file://{tmp_path}/fleet"
+    log, where = tmp_path / "drive.log", f"file://{tmp_path}/fleet"
+    write_carmen(simulate(Simulation(seed=3, length=24.0, travel=9.0)), log)
     for arguments in (
-        ["index", str(simulated), "--index", where, "--shards", "2"],
-        ["search", "drive/000010", "--index", where, "--json"],
+        ["index", log, "--index", where, "--shards", "2", "--jobs", "1"],
+        ["search", "drive/000000", "--index", where, "--json"],
         ["info", "--index", where],
     ):
-        done = run([*PROGRAM, *arguments], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-    assert where in done.stdout
+        status, output, errors = call(*arguments)
+        assert status == 0, errors
+    assert where in output

@@ -41,6 +41,15 @@ def own_cores() -> int:
     return 1 if _place.beside_others else cores(None)
 
 
+def beside_others(function: Callable[[], Result]) -> Result:
+    """What a function gives that works on one item of many: it leaves the other cores to the other items."""
+    before, _place.beside_others = _place.beside_others, True
+    try:
+        return function()
+    finally:
+        _place.beside_others = before
+
+
 def threaded(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """What a function makes of each item, in their order, by a thread for each core.
 

@@ -1,7 +1,8 @@
 """Requests about what is uploaded: receiving it, what it shows, looking it up as it went, and adding it."""
 
 import json
-from asyncio import gather
+from asyncio import Task, create_task
+from collections import deque
 from collections.abc import AsyncIterator
 from functools import partial
 from pathlib import Path
@@ -13,14 +14,17 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from m2t_text.config import Parameters
+from m2t_text.description.document import Document
 from m2t_text.errors import QueryError
 from m2t_text.util.workers import cores
 from m2t_text.web.asking import whole
-from m2t_text.web.routes.replay import Drive, IndexedDrive, UploadedDrive, looked_up
+from m2t_text.web.routes.replay import PROGRESS_INTERVAL, Drive, IndexedDrive, UploadedDrive, looked_up
 from m2t_text.web.served import Committed
 from m2t_text.web.site import Site
 from m2t_text.web.uploads.files import BYTES, Upload
 from m2t_text.web.walls import walls_and_places
+
+AHEAD = 2  # places for each core that are looked up or wait for it
 
 
 class Receiving:
@@ -108,19 +112,28 @@ class Receiving:
         self, drive: Drive, committed: Committed, begin: int, upload: str | None
     ) -> AsyncIterator[str]:
         yield _event("begin", drive.progress() | {"total": drive.total})
-        number, at_once = begin, cores(None)
-        while drive.total is None or number < drive.total:
-            documents = await self._site.read(partial(drive.places, number, at_once))
-            if not documents:
-                yield _event("progress", drive.progress())
-            searches = [
-                self._site.search(partial(looked_up, number + k, document, committed, upload))
-                for k, document in enumerate(documents)
-            ]
-            for place in await gather(*searches):
-                number += 1
-                yield _event("place", place, number)
-        yield _event("end", drive.progress() | {"total": drive.total})
+        number = begin
+        coming: deque[Task[dict[str, Any]]] = deque()  # places that are looked up, from ``number`` on
+        try:
+            while coming or drive.total is None or number < drive.total:
+                for document in await self._site.read(partial(self._next, drive, number, len(coming))):
+                    found = partial(looked_up, number + len(coming), document, committed, upload)
+                    coming.append(create_task(self._site.search(found)))
+                if coming:
+                    place = await coming.popleft()
+                    number += 1
+                    yield _event("place", place, number)
+                else:
+                    yield _event("progress", drive.progress())
+            yield _event("end", drive.progress() | {"total": drive.total})
+        finally:
+            for task in coming:
+                task.cancel()
+
+    @staticmethod
+    def _next(drive: Drive, number: int, coming: int) -> list[Document]:
+        """The places of a drive to look up beside those that are looked up; waits for them if those are none."""
+        return drive.places(number + coming, AHEAD * cores(None) - coming, 0.0 if coming else PROGRESS_INTERVAL)
 
 
 def _event(kind: str, data: dict[str, Any], number: int | None = None) -> str:

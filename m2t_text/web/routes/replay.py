@@ -7,6 +7,7 @@ import numpy as np
 from m2t_text.description.document import Document
 from m2t_text.recognition.answer import SearchOptions, answer
 from m2t_text.recognition.queries import Query
+from m2t_text.util.workers import beside_others
 from m2t_text.web.naming import UPLOAD
 from m2t_text.web.served import Committed
 from m2t_text.web.uploads.drives import SPACING
@@ -20,8 +21,8 @@ PROGRESS_INTERVAL = 0.5  # s to wait for the next place of a drive that is being
 class Drive(Protocol):
     """The places of a drive, in their order."""
 
-    def places(self, begin: int, most: int) -> list[Document]:
-        """Some from ``begin`` on, as many as are known; none if no more come for a while."""
+    def places(self, begin: int, most: int, seconds: float) -> list[Document]:
+        """Some from ``begin`` on, as many as are known; none if no more come within some ``seconds``."""
 
     @property
     def total(self) -> int | None:
@@ -37,8 +38,8 @@ class UploadedDrive:
     def __init__(self, upload: Upload) -> None:
         self._upload = upload
 
-    def places(self, begin: int, most: int) -> list[Document]:
-        self._upload.wait(begin, PROGRESS_INTERVAL)
+    def places(self, begin: int, most: int, seconds: float) -> list[Document]:
+        self._upload.wait(begin, seconds)
         return self._upload.documents[begin : begin + most]
 
     @property
@@ -62,7 +63,7 @@ class IndexedDrive:
         self._numbers = committed.overview.numbers[part][chosen].tolist()
         self._index = committed.index
 
-    def places(self, begin: int, most: int) -> list[Document]:
+    def places(self, begin: int, most: int, seconds: float) -> list[Document]:
         return list(self._index.numbered(self._numbers[begin : begin + most]))
 
     @property
@@ -78,7 +79,8 @@ def looked_up(number: int, document: Document, committed: Committed, upload: str
     answer of ``search --json``. Of the dataset of its own name, only other visits count."""
     query = Query.of(document)
     exclude = OTHER_VISITS if query.driven and document.dataset in committed.overview.names else None
-    found = answer(query, committed.index, SearchOptions(top=TOP, exclude_travel=exclude))
+    options = SearchOptions(top=TOP, exclude_travel=exclude)
+    found = beside_others(lambda: answer(query, committed.index, options))
     name = document.map_id if upload is None else f"{UPLOAD}{upload}/{document.first_scan:06d}"
     return {
         "number": number,

@@ -132,7 +132,7 @@ class Receiving:
 
     @staticmethod
     def _next(drive: Drive, number: int, coming: int) -> list[Document]:
-        """The places of a drive to look up beside those that are looked up; waits for them if those are none."""
+        """The places of a drive to look up next, beside those that are ``coming``; waits if there are none."""
         return drive.places(number + coming, AHEAD * cores(None) - coming, 0.0 if coming else PROGRESS_INTERVAL)
 
 

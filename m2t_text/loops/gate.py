@@ -13,9 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.loops.lookup import Candidate
 from m2t_text.loops.uncertainty import Drift, PoseWithCovariance
+from m2t_text.util.types import Ints
 
 GATE = 16.27  # squared Mahalanobis distance that a right match exceeds once in a thousand: 3 degrees of freedom
 LOOSE = 2.0  # m; standard deviation of a predicted place from which the prediction alone confirms no match:
@@ -111,21 +113,31 @@ class Gate:
     def _agreeing(self, one: Loop) -> list[Loop]:
         """This one and those that wait and confirm it and each other, if they are of enough runs."""
         group = [one]
-        for other in reversed(self.waiting):
-            if other is not one and other.dataset == one.dataset and self._confirmed(other, group):
+        waiting = [
+            other for other in reversed(self.waiting) if other is not one and other.dataset == one.dataset
+        ]
+        for other, confirmed in zip(waiting, self._confirms(one, waiting), strict=True):
+            if confirmed and self._confirmed(other, group[1:]):
                 group.append(other)
         drift = self._drifts[self._drive]
         known = one.dataset == self._drive and drift.relative(one.place, one.scan).reach < UNKNOWN
         enough = OWN_RUNS if known else OTHER_RUNS
         return [loop for loop in self.waiting if loop in group] if _runs(group) >= enough else []
 
+    def _confirms(self, one: Loop, others: Sequence[Loop]) -> NDArray[np.bool_]:
+        """(L,) whether a match confirms each of the others."""
+        ends, poses = _stacked(others)
+        ways = self._by_way_of([one] * len(others), one.dataset, ends)
+        return (ways.distance(poses) <= GATE) & (ways.reach <= LOOSE)
+
     def _confirmed(self, loop: Loop, others: Sequence[Loop]) -> bool:
-        ways = self._by_way_of(others, loop)
+        ways = self._by_way_of(others, loop.dataset, np.array([[loop.place, loop.scan]]))
         return bool((ways.distance(loop.pose) <= GATE).all() and (ways.reach <= LOOSE).all())
 
     def _ways(self, loop: Loop) -> PoseWithCovariance:
         """(W, 3) where a loop's scan lies as seen from its place, by the trajectory and by other loops."""
-        ways = self._by_way_of(self._of[loop.dataset], loop)
+        ends = np.array([[loop.place, loop.scan]])
+        ways = self._by_way_of(self._of[loop.dataset], loop.dataset, ends)
         if loop.dataset != self._drive:
             return ways
         direct = self._drifts[self._drive].relative(loop.place, np.array([loop.scan]))
@@ -133,15 +145,23 @@ class Gate:
             np.concatenate([direct.pose, ways.pose]), np.concatenate([direct.covariance, ways.covariance])
         )
 
-    def _by_way_of(self, others: Sequence[Loop], loop: Loop) -> PoseWithCovariance:
-        """(W, 3) where a loop's scan lies as seen from its place: by another loop's place and its scan."""
-        places = np.array([other.place for other in others], dtype=np.int64)
-        scans = np.array([other.scan for other in others], dtype=np.int64)
-        poses = np.array([other.pose.pose for other in others]).reshape(-1, 3)
-        covariances = np.array([other.pose.covariance for other in others]).reshape(-1, 3, 3)
-        there = self._drifts[loop.dataset].relative(loop.place, places)
-        back = self._drifts[self._drive].relative(scans, loop.scan)
-        return there.compose(PoseWithCovariance(poses, covariances)).compose(back)
+    def _by_way_of(self, others: Sequence[Loop], dataset: str, ends: Ints) -> PoseWithCovariance:
+        """(W, 3) where scans lie as seen from places, by the places and scans of others.
+
+        The places and scans are ``ends`` (W or 1, 2).
+        """
+        theirs, poses = _stacked(others)
+        there = self._drifts[dataset].relative(ends[:, 0], theirs[:, 0])
+        back = self._drifts[self._drive].relative(theirs[:, 1], ends[:, 1])
+        return there.compose(poses).compose(back)
+
+
+def _stacked(loops: Sequence[Loop]) -> tuple[Ints, PoseWithCovariance]:
+    """Places and scans (L, 2), and poses (L, 3) with covariances."""
+    ends = np.array([(loop.place, loop.scan) for loop in loops], dtype=np.int64).reshape(-1, 2)
+    poses = np.array([loop.pose.pose for loop in loops]).reshape(-1, 3)
+    covariances = np.array([loop.pose.covariance for loop in loops]).reshape(-1, 3, 3)
+    return ends, PoseWithCovariance(poses, covariances)
 
 
 def _runs(loops: Sequence[Loop]) -> int:

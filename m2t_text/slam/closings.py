@@ -11,13 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from m2t_text.mapping.registration import SIDE_LENGTH
 from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.mapping.wide_search import fitting_places
+from m2t_text.slam.frames import frames
 from m2t_text.slam.key_scans import KeyScans
 from m2t_text.slam.neighbours import VISIT, information_of, reached
 from m2t_text.slam.optimisation import Constraints
@@ -67,9 +66,7 @@ def _pairs(keys: KeyScans, poses: Floats, known: Constraints) -> Iterator[tuple[
     """A key scan every EVERY metres, and of each earlier visit the one that looks at nearly the same."""
     centres = _looked_at(keys, poses)
     tree = KDTree(centres)
-    count, ends = int(keys.drives[-1]) + 1, keys.drives[known.pairs]
-    joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    _, frame = connected_components(joined, directed=False)  # of each drive
+    frame = frames(keys, known)
     after = -np.inf
     for scan, tied in enumerate(reached(keys, known, TIED)):
         if keys.way[scan] < after:

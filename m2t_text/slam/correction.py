@@ -1,17 +1,17 @@
 """A drive corrected by its loops: those found by text first, then all that its scans say of each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from numpy.typing import NDArray
 
 from m2t_text.loops.detection import LoopDetection
 from m2t_text.loops.graph import Edge
 from m2t_text.loops.uncertainty import PoseWithCovariance
 from m2t_text.mapping.trajectory import without_wheels
 from m2t_text.slam.closings import closings
+from m2t_text.slam.frames import frames
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread
 from m2t_text.slam.neighbours import Neighbours, pairs_nearby
 from m2t_text.slam.optimisation import Constraints, optimise, optimise_gradually, robust_weights
@@ -41,28 +41,81 @@ class Correction:
     trajectory: Floats
     keys: KeyScans
     constraints: Constraints
-    kinds: np.ndarray
+    kinds: NDArray[np.str_]
     dropped: tuple[int, int]
-    joined: np.ndarray
+    joined: NDArray[np.bool_]
 
     def count(self, kind: str) -> int:
         """How many constraints are of a kind."""
         return int((self.kinds == kind).sum())
 
 
+@dataclass(frozen=True)
+class _Drives:
+    """Drives that loops join, before they are corrected.
+
+    Attributes:
+        keys: their key scans.
+        wheels, poses: (K, 3) of the key scans, by odometry and as they were matched.
+        steps, loops: constraints between key scans, by odometry and scan matching, and by text.
+    """
+
+    keys: KeyScans
+    wheels: Floats
+    poses: Floats
+    steps: Constraints
+    loops: Constraints
+
+    def chosen(self, own: NDArray[np.bool_]) -> "_Drives":
+        """Those whose key scans are the ``own`` ones (K,)."""
+        steps, loops = self.steps.between(own), self.loops.between(own)
+        return _Drives(self.keys.chosen(own), self.wheels[own], self.poses[own], steps, loops)
+
+
+@dataclass(frozen=True)
+class _Corrected:
+    poses: Floats
+    constraints: Constraints
+    kinds: NDArray[np.str_]
+    dropped: tuple[int, int]
+
+
 def correct(detection: LoopDetection, jobs: int = 1, progress: StageProgress | None = None) -> Correction:
-    """The drives, corrected. It looks at all of them at once: a scan may be moved by what a later one saw."""
+    """The drives, corrected. It looks at all of them at once: a scan may be moved by what a later one saw.
+
+    What no loop joins is corrected by itself, so that a drive elsewhere changes nothing.
+    """
     tell = progress or (lambda stage, done, of: None)
     raw = detection.survey.trajectory
     keys = key_scans(detection.log, raw)
-    matched, loops = _steps(detection, keys), _loops(detection, keys)
     wheels = detection.log.odometry[keys.numbers]
+    loops = _loops(detection, keys)
+    whole = _Drives(keys, wheels, raw[keys.numbers], _steps(detection, keys), loops)
+    frame = frames(keys, loops)
+    poses, graph, kinds, dropped = whole.poses.copy(), loops.chosen([]), [], np.zeros(2, dtype=np.int64)
+    for number in np.unique(frame):
+        own = frame == number
+        part = _corrected(whole.chosen(own[keys.drives]), jobs, tell)
+        numbers = np.flatnonzero(own[keys.drives])
+        poses[numbers] = part.poses
+        graph = graph.joined(replace(part.constraints, pairs=numbers[part.constraints.pairs]))
+        kinds.append(part.kinds)
+        dropped += part.dropped
+    joined = _joined(keys, graph)
+    trajectory = spread(raw, keys, poses)
+    return Correction(
+        trajectory, keys, graph, np.concatenate(kinds), (int(dropped[0]), int(dropped[1])), joined
+    )
+
+
+def _corrected(drives: _Drives, jobs: int, tell: StageProgress) -> _Corrected:
+    keys, loops = drives.keys, drives.loops
     compared = Neighbours(keys, jobs)
-    poses = _in_one_frame(raw[keys.numbers], keys, loops)
+    poses = _in_one_frame(drives.poses, keys, loops)
     behind = compared.behind(poses, partial(tell, "comparing scans"))
 
     def graph_at(poses: Floats, nearby: Constraints) -> Constraints:
-        steps = matched.joined(wheel_steps(wheels, poses, keys))
+        steps = drives.steps.joined(wheel_steps(drives.wheels, poses, keys))
         return steps.joined(loops).joined(behind).joined(nearby)
 
     seeds = loops.chosen([])
@@ -88,8 +141,7 @@ def correct(detection: LoopDetection, jobs: int = 1, progress: StageProgress | N
     right = robust_weights(graph, poses) >= OUTLIER
     poses = optimise(poses, graph.chosen(right))
     dropped = int((kinds[~right] == "loop").sum()), int((kinds[~right] == "neighbour").sum())
-    joined = _joined(keys, graph.chosen(right))
-    return Correction(spread(raw, keys, poses), keys, graph.chosen(right), kinds[right], dropped, joined)
+    return _Corrected(poses, graph.chosen(right), kinds[right], dropped)
 
 
 def _in_one_frame(poses: Floats, keys: KeyScans, loops: Constraints) -> Floats:
@@ -111,13 +163,10 @@ def _in_one_frame(poses: Floats, keys: KeyScans, loops: Constraints) -> Floats:
     return poses
 
 
-def _joined(keys: KeyScans, constraints: Constraints) -> np.ndarray:
-    count = int(keys.drives[-1]) + 1
-    ends = keys.drives[constraints.pairs]
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    scans = np.bincount(label[keys.drives])
-    return np.asarray(label == np.argmax(scans))
+def _joined(keys: KeyScans, constraints: Constraints) -> NDArray[np.bool_]:
+    frame = frames(keys, constraints)
+    scans = np.bincount(frame[keys.drives])
+    return np.asarray(frame == np.argmax(scans))
 
 
 def _steps(detection: LoopDetection, keys: KeyScans) -> Constraints:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.logs.log import Log
 from m2t_text.mapping.scan_cloud import ScanCloud, scan_cloud
@@ -34,6 +35,12 @@ class KeyScans:
 
     def __len__(self) -> int:
         return len(self.numbers)
+
+    def chosen(self, own: NDArray[np.bool_]) -> "KeyScans":
+        """Those of a mask (K,) that leaves out whole drives; travel and numbers of drives begin anew."""
+        clouds = [self.clouds[k] for k in np.flatnonzero(own).tolist()]
+        _, drives = np.unique(self.drives[own], return_inverse=True)
+        return KeyScans(self.numbers[own], clouds, self.way[own] - self.way[own][0], drives)
 
     def submap(self, middle: int, poses: Floats) -> ScanCloud:
         """What was seen shortly before and after a key scan, in its frame, all at ``poses`` (K, 3)."""

@@ -5,7 +5,7 @@ SciPy's sparse direct solver does the solving.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,11 @@ class Constraints:
         """Those of a mask or of indices."""
         mask = np.asarray(mask, dtype=np.int64 if not len(mask) else None)
         return Constraints(self.pairs[mask], self.poses[mask], self.information[mask], self.robust[mask])
+
+    def between(self, vertices: NDArray[np.bool_]) -> "Constraints":
+        """Those of which both ends are among some of the vertices (V,), which are numbered anew."""
+        inside = self.chosen(vertices[self.pairs[:, 0]] & vertices[self.pairs[:, 1]])
+        return replace(inside, pairs=(np.cumsum(vertices) - 1)[inside.pairs])
 
     def joined(self, other: "Constraints") -> "Constraints":
         """These and the other ones."""

@@ -34,7 +34,7 @@ def described(simulation: Simulation, name: str) -> tuple[list[Document], np.nda
 @pytest.fixture(scope="module")
 def days() -> list[tuple[list[Document], np.ndarray]]:
     """The same way through one building on three days."""
-    base = Simulation(seed=3, length=24.0, travel=15.0, beams=90)
+    base = Simulation(seed=3, length=24.0, travel=12.0, beams=90)
     return [described(replace(base, drive=day), f"day-{day}") for day in range(3)]
 
 

@@ -10,7 +10,7 @@ from m2t_text.errors import LogError, M2TError
 from m2t_text.live.survey import MAX_SCANS, SPACING, LiveSurvey
 from m2t_text.logs.log import Log, Scan
 from m2t_text.logs.simulation.simulator import Simulation, simulate
-from m2t_text.mapping.local_map import LocalMap, local_maps, run_starts
+from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 
 DEFAULT = PROFILES["default"]
@@ -33,6 +33,11 @@ def log() -> Log:
     return replace(whole, scans=tuple(scans), ground_truth=None)
 
 
+@pytest.fixture(scope="module")
+def whole(log: Log) -> Survey:
+    return survey(log, DEFAULT.mapping)
+
+
 def equal(one: LocalMap, other: LocalMap) -> bool:
     assert one.free is not None and other.free is not None
     arrays = ("points", "trajectory", "travel", "pose")
@@ -44,8 +49,7 @@ def equal(one: LocalMap, other: LocalMap) -> bool:
     )
 
 
-def test_live_is_batch_to_the_bit(log: Log) -> None:
-    whole = survey(log, DEFAULT.mapping)
+def test_live_is_batch_to_the_bit(log: Log, whole: Survey) -> None:
     maps = {one.first_scan: one for one in local_maps(whole, DEFAULT.mapping)}
     spaced = run_starts(whole, RUN, SPACING).tolist()
     live = LiveSurvey(DEFAULT, log.laser_pose)
@@ -66,8 +70,7 @@ def test_live_is_batch_to_the_bit(log: Log) -> None:
     assert asked > 100
 
 
-def test_the_last_run_is_none_until_the_robot_travelled_so_far_on_its_drive(log: Log) -> None:
-    whole = survey(log, DEFAULT.mapping)
+def test_the_last_run_is_none_until_the_robot_travelled_so_far_on_its_drive(log: Log, whole: Survey) -> None:
     live = LiveSurvey(DEFAULT, log.laser_pose)
     cut = int(log.cuts[0])
     for k, scan in enumerate(log.scans):

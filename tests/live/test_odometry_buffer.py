@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from m2t_text.errors import LogError
-from m2t_text.live.odometry import MAX_MESSAGES, OdometryBuffer
+from m2t_text.live.odometry import OdometryBuffer
 
 
 def filled(*messages: tuple[float, float]) -> OdometryBuffer:
@@ -70,9 +70,10 @@ def test_a_clock_that_begins_again_is_a_new_drive() -> None:
     assert placed is not None and placed.drive == 1 and odometry.at(100.05) is None
 
 
-def test_what_is_kept_is_bounded() -> None:
-    odometry = filled(*((0.0001 * k, 0.0) for k in range(MAX_MESSAGES + 2_000)))
-    assert len(odometry._times) <= MAX_MESSAGES
+def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("m2t_text.live.odometry.MAX_MESSAGES", 300)
+    odometry = filled(*((0.0001 * k, 0.0) for k in range(500)))
+    assert len(odometry._times) == 300
     odometry = filled(*((0.1 * k, 0.0) for k in range(1000)))
     assert len(odometry._times) <= 102
 

@@ -19,19 +19,35 @@ from typing import Any, TypeVar
 
 import numba
 import platformdirs
+from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
+LOADED_ALONE = ((0, 68),)  # versions of Numba in which compiled code needs nothing of the compiler
 COMPILED = ("description", "index/kernels", "mapping", "recognition", "saved_maps")  # have compiled functions
+
+
+class KernelCache(FunctionCache):
+    """Numba's cache of one function. It loads machine code without what the compiler knows of Python,
+    which takes a sixth of a command; compiling loads that."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        if numba.version_info.short not in LOADED_ALONE:
+            return super().load_overload(sig, target_context)
+        rtsys.initialize(target_context)  # what machine code calls
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
 
 def kernel(function: Function) -> Function:
     """Compiles a function that Python calls, when it is first called; the machine code is kept on the disk."""
+    compiled: Any = numba.njit(nogil=True)(function)
     chosen = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(kernel_folder())  # looked up as the function is decorated, not later
+    numba.config.CACHE_DIR = str(kernel_folder())  # looked up as the cache is made, not later
     try:
-        compiled: Function = numba.njit(cache=True, nogil=True)(function)
+        compiled._cache = KernelCache(function)
     finally:
         numba.config.CACHE_DIR = chosen
     return compiled

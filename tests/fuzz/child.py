@@ -1,11 +1,13 @@
 """Fuzzes one target, in a process of its own: ``child.py TARGET RUNS STATISTICS FINDINGS``.
 
 Coverage guides the mutations: of this package and of those that parse for it. What numba compiles cannot be
-watched, and takes no part.
+watched, and takes no part. What watching takes grows with every input: from ROOM on the process ends with MORE,
+and another one goes on with the inputs that it kept.
 """
 
 import json
 import logging
+import os
 import re
 import resource
 import sys
@@ -22,6 +24,8 @@ import m2t_text
 
 SECONDS = 5.0  # of the processor that one input may take
 MEMORY = 1 << 30  # bytes that it may take beside what the process has
+ROOM = MEMORY // 2  # bytes
+MORE = 75  # exit status, as in `fuzz.py`
 HANG = 60  # s; a machine with other work is slower
 WATCHED = ["m2t_text", "whoosh", "rosbags", "yaml", "PIL"]
 COMPILED = re.compile("njit|@kernel|@inner")
@@ -46,19 +50,16 @@ def compiled() -> list[str]:
     return [".".join(file.relative_to(package.parent).with_suffix("").parts) for file in sources]
 
 
-def bound_memory() -> None:
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    limit = pages * resource.getpagesize() + MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+def taken() -> int:
+    """Bytes of address space."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
 
 def main(name: str, runs: int, statistics: Path, findings: Path) -> None:
     logging.disable()
     warnings.simplefilter("ignore")
-    scratch = Path(tempfile.mkdtemp(dir=statistics.parent))
-    folder, corpus = scratch / "inputs", scratch / "corpus"
-    folder.mkdir()
-    corpus.mkdir()
+    folder, corpus = Path(tempfile.mkdtemp(dir=statistics.parent)), statistics.with_suffix(".corpus")
+    corpus.mkdir(exist_ok=True)
     with atheris.instrument_imports(WATCHED, compiled()):
         from targets import TARGETS, tried
 
@@ -66,8 +67,8 @@ def main(name: str, runs: int, statistics: Path, findings: Path) -> None:
         for label, seed in target.seeds(folder).items():
             (corpus / label).write_bytes(seed)
             tried(target, seed, folder)  # also imports and compiles what is needed
-    counted = Statistics()
-    begin = time.monotonic()
+    counted = Statistics(**json.loads(statistics.read_text())) if statistics.exists() else Statistics()
+    begin, before, most = time.monotonic() - counted.seconds, taken(), runs - counted.runs
 
     def run(content: bytes) -> None:
         started = time.process_time()
@@ -82,12 +83,22 @@ def main(name: str, runs: int, statistics: Path, findings: Path) -> None:
         counted.slowest = max(counted.slowest, took)
         if counted.runs % TOLD == 0 or counted.runs >= runs:
             counted.seconds = time.monotonic() - begin
-            counted.megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+            counted.megabytes = max(counted.megabytes, peak)
             statistics.write_text(json.dumps(asdict(counted)))
         assert took < SECONDS, f"one input took {took:.1f} s"
+        if counted.runs % TOLD == 0 and counted.runs < runs and taken() > before + ROOM:
+            os._exit(MORE)
 
-    bound_memory()
-    options = [f"-runs={runs}", f"-timeout={HANG}", "-seed=1", "-verbosity=0", f"-artifact_prefix={findings}/"]
+    resource.setrlimit(resource.RLIMIT_AS, (before + ROOM + MEMORY, before + ROOM + MEMORY))
+    seed = counted.runs + 1  # another one in each process
+    options = [
+        f"-runs={most}",
+        f"-timeout={HANG}",
+        f"-seed={seed}",
+        "-verbosity=0",
+        f"-artifact_prefix={findings}/",
+    ]
     atheris.Setup([sys.argv[0], *options, str(corpus)], run)
     atheris.Fuzz()
 

@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from concurrent.futures import ThreadPoolExecutor
 from math import ceil
 from pathlib import Path
@@ -22,6 +23,7 @@ from m2t_text.cli.console import note, print_table
 from m2t_text.util.workers import cores
 
 RUNS = 100_000
+MORE = 75  # exit status of a process that read as much as it has memory for, and another one goes on
 MEMORY = Path("/dev/shm")  # a disk would take longer to keep the inputs than the readers to read them
 MALLOC = {"MALLOC_MMAP_THRESHOLD_": "1000000"}  # what one input took is given back, not counted with the next
 FINDINGS = Path(__file__).resolve().parents[2] / "indexes" / "fuzz"
@@ -33,19 +35,22 @@ def fuzzed(name: str, runs: int, seconds: float | None, folder: Path) -> tuple[l
     statistics, findings = folder / f"{name}.json", FINDINGS / name
     findings.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, str(Path(__file__).with_name("child.py")), name, str(runs)]
-    child = subprocess.Popen(
-        [*command, str(statistics), str(findings)], env=os.environ | MALLOC,
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
-    )  # fmt: skip
-    sound = True
-    try:
-        told, _ = child.communicate(timeout=seconds)
-        sound = child.returncode == 0
-    except subprocess.TimeoutExpired:
-        child.kill()
-        told, _ = child.communicate()
+    end, status, told = None if seconds is None else time.monotonic() + seconds, MORE, ""
+    while status == MORE:
+        child = subprocess.Popen(
+            [*command, str(statistics), str(findings)], env=os.environ | MALLOC, stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
+        )  # fmt: skip
+        try:
+            told, _ = child.communicate(timeout=None if end is None else max(0.0, end - time.monotonic()))
+            status = child.returncode
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.communicate()
+            status = 0
+    sound = status == 0
     if not sound:
-        print(f"{name}: exit status {child.returncode}\n{told[told.find(' === ') :]}", file=sys.stderr)
+        print(f"{name}: exit status {status}\n{told[told.find(' === ') :]}", file=sys.stderr)
     found = json.loads(statistics.read_text()) if statistics.exists() else dict.fromkeys(("runs", "sound"), 0)
     took = [
         f"{found.get('seconds', 0):,.0f}",

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -19,8 +19,10 @@ Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 SHARES = 32  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
-SAMPLE = 16_384  # of them, at most, are looked at to find what is needed,
-FEW = 1024  # and of these so many to find what the sieve lets through
+SAMPLE = 8192  # of them, at most, are looked at to find what is needed,
+AROUND = 32  # and of those on either side of the best, which one drive has often made of one place,
+ROUNDS = 2  # as often as this
+FEW = 1024  # documents of which it is seen what the sieve lets through
 LOOSE = 0.5  # share of them that a sieve lets through at most, if it is to be used
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
@@ -60,24 +62,29 @@ class Promising:
         top: how many documents are looked for.
         floor: a score that those reach.
         wanted: which documents count; all if None.
-        scores: of the documents that were scored.
+        done: (K,) the places of documents that were scored.
+        scores: of them.
         every: (M,) the places of documents that may be among the best; None if a sample was looked at.
         estimate: (M,) guesses of their scores.
-        likely: which of them were scored.
     """
 
     top: int
     floor: float
     wanted: Wanted | None
-    scores: Scores
-    every: NDArray[np.int64] | None
-    estimate: Floats
-    likely: NDArray[np.int64]
+    done: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    scores: Scores = field(default_factory=lambda: Scores.none(0))
+    every: NDArray[np.int64] | None = None
+    estimate: Floats | None = None
 
     @property
     def best(self) -> Floats:
         """(K,) the best scores so far, ``top`` at most, in any order."""
         return self.scores.score[_largest(self.scores.score, self.top)]
+
+    @property
+    def last(self) -> float:
+        """A score that the best ``top`` documents reach, by what is known so far."""
+        return max(self.floor, _last(self.scores, self.top))
 
 
 class TopK:
@@ -125,12 +132,13 @@ class TopK:
     def promising(self, top: int, least: float = 0.0, wanted: Wanted | None = None) -> Promising:
         """The first step of `best`: scores the documents that promise most, of all or, if they are many, of a
         sample. What its best reach, others have to reach as well."""
-        places = np.arange(len(self._documents))
-        sampled = len(places) >= SIEVED and self._scorer.sieves
-        if sampled:
-            places = places[:: self._step]
-        found = self._scored(places, top, least, wanted)
-        return replace(found, every=None) if sampled else found
+        found, every = Promising(top, least, wanted), np.arange(len(self._documents))
+        if not self._sieves:
+            return self._scored(found, every)
+        found = self._scored(found, every[:: self._step])
+        for _ in range(ROUNDS):
+            found = self._scored(found, self._around(found))
+        return replace(found, every=None, estimate=None)
 
     def narrowed(self, promising: Promising, floor: float = 0.0) -> Promising:
         """The second step: after a sample, scores those that promise most of all that may reach the floor.
@@ -141,15 +149,10 @@ class TopK:
         """
         if promising.every is not None:
             return promising
-        least = max(floor, promising.floor, _last(promising.scores, promising.top))
-        every = self._sieved(least)
-        if self._step > 1:
-            return self._scored(every, promising.top, least, promising.wanted)
-        kept = np.zeros(len(self._documents), dtype=np.bool_)  # the sample was of all
-        kept[every] = kept[promising.likely] = True
-        every = np.flatnonzero(kept)
-        likely = np.searchsorted(every, promising.likely)
-        return replace(promising, every=every, estimate=promising.estimate[every], likely=likely, floor=least)
+        least = max(floor, promising.last)
+        return self._scored(
+            replace(promising, floor=least), self._sieved(np.arange(len(self._documents)), least)
+        )
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The last step of `best`: looks at the other documents.
@@ -159,19 +162,11 @@ class TopK:
             floor: a score that the ``top`` best of more documents than these reach; lower ones are left out.
         """
         found = self.narrowed(promising, floor)
-        assert found.every is not None
-        top, wanted, scores, every = found.top, found.wanted, found.scores, found.every
-        estimate, likely, floor = found.estimate, found.likely, max(floor, found.floor)
-        done = every[likely]
-        last = max(floor, _last(scores, top))
-        bounds = estimate.copy()
-        if not self._scorer.estimates_are_bounds:
-            bounds = _joined(self._each(self._scorer.bound, every, last))
-        bounds[likely] = 0.0
-        hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
-        hopeful = hopeful[_descending(bounds[hopeful])]
-        rest, bounds = every[hopeful], bounds[hopeful]
-        size = len(done)
+        top, wanted, scores, done = found.top, found.wanted, found.scores, found.done
+        floor = max(floor, found.floor)
+        last = max(floor, found.last)
+        rest, bounds = self._hopeful(found, last)
+        size = max(len(done), 1)
         while len(rest):
             # Batches grow: few of them, and what the first ones find spares a close look at the later ones.
             batch, rest, bounds = rest[:size], rest[size:], bounds[size:]
@@ -190,21 +185,50 @@ class TopK:
         """From one document of the sample to the next."""
         return -(-len(self._documents) // SAMPLE)
 
-    def _sieved(self, floor: float) -> NDArray[np.int64]:
-        """The places of documents whose scores may reach the floor; all where that would be most of them."""
-        every = np.arange(len(self._documents))
-        sample = every[:: self._step]
-        few = sample[:: -(-len(sample) // FEW)]
-        if np.concatenate(self._each(self._scorer.may_reach, few, floor)).mean() > LOOSE:
-            return every
-        return every[np.concatenate(self._each(self._scorer.may_reach, every, floor))]
+    @property
+    def _sieves(self) -> bool:
+        return len(self._documents) >= SIEVED and self._scorer.sieves
 
-    def _scored(self, places: NDArray[np.int64], top: int, least: float, wanted: Wanted | None) -> Promising:
-        """What is known of places once those that promise most are scored."""
+    def _sieved(self, places: NDArray[np.int64], floor: float) -> NDArray[np.int64]:
+        """The places where scores may reach the floor; all where that would be most of them."""
+        few = places[:: -(-len(places) // FEW) or 1]
+        if len(places) > len(few) and self._through(few, floor).mean() > LOOSE:
+            return places
+        return places[self._through(places, floor)]
+
+    def _through(self, places: NDArray[np.int64], floor: float) -> NDArray[np.bool_]:
+        """Which places the sieve lets through."""
+        return np.concatenate([np.zeros(0, np.bool_), *self._each(self._scorer.may_reach, places, floor)])
+
+    def _hopeful(self, found: Promising, last: float) -> tuple[NDArray[np.int64], Floats]:
+        """The places whose bounds reach the score of the last, and the bounds, the largest first."""
+        assert found.every is not None
+        assert found.estimate is not None
+        others = np.isin(found.every, found.done, invert=True)
+        every, bounds = found.every[others], found.estimate[others]
+        if self._sieves and last > found.floor:
+            every = self._sieved(every, last)
+        if not self._scorer.estimates_are_bounds:
+            bounds = _joined(self._each(self._scorer.bound, every, last))
+        hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
+        hopeful = hopeful[_descending(bounds[hopeful])]
+        return every[hopeful], bounds[hopeful]
+
+    def _around(self, found: Promising) -> NDArray[np.int64]:
+        """The places next to those of the best that were not scored yet."""
+        best = found.done[_largest(found.scores.score, found.top)]
+        places = np.unique(best[:, None] + np.arange(-AROUND, AROUND + 1))
+        inside = places[(places >= 0) & (places < len(self._documents))]
+        return np.setdiff1d(inside, found.done, assume_unique=True)
+
+    def _scored(self, found: Promising, places: NDArray[np.int64]) -> Promising:
+        """What is known once those that promise most of ascending places are scored, too."""
         estimate = _joined(self._each(self._scorer.estimate, places))
-        likely = _largest(estimate, 2 * top)
-        scores = self._counted(places[likely], least, wanted)
-        return Promising(top, least, wanted, scores, places, estimate, likely)
+        chosen = places[_largest(estimate, 2 * found.top)]
+        chosen = np.setdiff1d(chosen, found.done)
+        scores = Scores.joined([found.scores, self._counted(chosen, found.floor, found.wanted)])
+        done = np.append(found.done, chosen)
+        return replace(found, done=done, scores=scores, every=places, estimate=estimate)
 
     def _counted(self, places: NDArray[np.int64], threshold: float, wanted: Wanted | None) -> Scores:
         """The scores at places, 0 of those that are not wanted; those below the threshold do not matter."""

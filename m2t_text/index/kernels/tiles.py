@@ -4,8 +4,8 @@ The offsets of the viewpoints, -11 to 12 in x and in y, fall into four by four g
 group a map's keypoint may lie near one of the query's only if its tile holds a cell that one of the query's
 comes near; and a keypoint of the query near one of the map's only if a keypoint of the map lies in the thirteen
 by thirteen cells from the tile on where the least offset of the group takes it. The first is looked up tile by
-tile of the map, in masks made of the query; the second in bits made of the map. All groups and four views
-are counted at once, a lane each; see `wide`.
+tile of the map, in masks made of the query, of all groups and four views at once, a lane each; see `wide`. Few
+lanes are left then. Of these the second is counted, each by itself, in bits made of the map.
 """
 
 from typing import Any, NamedTuple
@@ -19,13 +19,14 @@ from m2t_text.index.kernels.unpacking import cells_of
 from m2t_text.index.kernels.views import Views
 from m2t_text.index.kernels.wide import (
     LANES,
+    WORDS,
     added,
-    any_reaches,
-    any_up_to,
+    byte_of,
     bytes_at,
+    common,
     every_byte,
     lowest,
-    numbers_at,
+    up_to,
 )
 from m2t_text.util.compiling import inner, kernel
 
@@ -39,8 +40,8 @@ FULL = 64  # keypoints that an entry counts at most
 STOP = 16  # entries between two looks at whether a map can still reach what is needed
 ORIGIN = 6000 * TILE  # cells, added to make those of any map positive
 BEYOND = ORIGIN // TILE - MIDDLE  # tiles from where they begin to the grid
-MOST = 20_000  # keypoints of a map and a query together: their counts are numbers of 16 bits
 
+assert SIDE * SIDE == 64 * WORDS
 assert FIRST == -BEFORE * TILE + 1 and FIRST + GROUPS * TILE > WINDOW + 1
 
 
@@ -51,14 +52,14 @@ class Tiles(NamedTuple):
         starts: (D + 1,) where each map's entries begin.
         entries: (T,) uint16 tile * 64 + keypoints in it - 1; those with most keypoints first.
         sizes: (D,) int32 keypoints of each map, also those outside the grid.
-        cover: (D, SIDE) uint32: whether there is a keypoint in the thirteen by thirteen cells from a tile on;
-            bit y of row x.
+        cover: (D, WORDS) uint64: whether there is a keypoint in the thirteen by thirteen cells from a tile on;
+            bit SIDE · x + y of all.
     """
 
     starts: NDArray[np.int64]
     entries: NDArray[np.uint16]
     sizes: NDArray[np.int32]
-    cover: NDArray[np.uint32]
+    cover: NDArray[np.uint64]
 
     @classmethod
     def of(cls, texts: Texts, first: int, last: int) -> "Tiles":
@@ -70,7 +71,7 @@ class Tiles(NamedTuple):
         sizes, cover = np.zeros(count, np.int32), np.zeros((count, SIDE), np.uint32)
         _fill(texts, documents, Room.of(largest), entries, lengths, sizes, cover)
         starts = np.append(0, np.cumsum(lengths))
-        return cls(starts, entries[: starts[-1]].copy(), sizes, cover)
+        return cls(starts, entries[: starts[-1]].copy(), sizes, cover.astype("<u4", copy=False).view("<u8"))
 
     @classmethod
     def joined(cls, parts: "list[Tiles]") -> "Tiles":
@@ -87,28 +88,35 @@ class TileTables(NamedTuple):
     Attributes:
         size: number of the query's keypoints.
         missed: (G, SIDE², LANES) uint8, 255 where a map's keypoints in a tile lie near none of the query's.
-        counts: (G, SIDE² + 1, LANES) uint16 keypoints of the query that lie near one of the map's if the bit of
-            a tile is set; at the end, of those for which no bit is kept.
+        counts: (G, LANES, B, WORDS) uint64 keypoints of the query that lie near one of the map's if the bit of
+            a tile is set: one bit of each number after the other, the lowest first.
+        beyond: (G, LANES) int64 those for which no bit is kept.
     """
 
     size: int
     missed: NDArray[np.uint8]
-    counts: NDArray[np.uint16]
+    counts: NDArray[np.uint64]
+    beyond: NDArray[np.int64]
 
     @classmethod
     def of(cls, seen: Views) -> "TileTables":
         """Of a query with keypoints."""
         groups = [slice(v, v + VIEWS) for v in range(0, len(seen.wx), VIEWS)]
-        tables = [_tables(seen.wx[group], seen.wy[group]) for group in groups]
-        return cls(len(seen.wa), *(np.stack(parts) for parts in zip(*tables, strict=True)))
+        missed, counts = (
+            np.stack(part)
+            for part in zip(*(_tables(seen.wx[group], seen.wy[group]) for group in groups), strict=True)
+        )
+        used = np.arange(LANES * len(groups)).reshape(-1, LANES) < len(seen.wx) * GROUPS * GROUPS
+        beyond = np.where(used, len(seen.wa) - counts.sum(axis=2), 0)
+        return cls(len(seen.wa), missed, _bits(counts), beyond)
 
 
-def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-    """``missed`` and ``counts`` of up to VIEWS views (V, Q)."""
+def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """``missed`` (SIDE², LANES) of up to VIEWS views (V, Q), and (LANES, SIDE²) numbers that are the counts."""
     reach = SIDE + GROUPS - 1  # tiles that any group takes into the grid, from `low` on
     low = -MIDDLE - (GROUPS - 1) + BEFORE
     near = np.zeros((VIEWS, reach, reach), np.bool_)
-    count = np.zeros((VIEWS, reach, reach), np.int64)
+    count = np.zeros((VIEWS, reach, reach), np.int32)
     number = np.broadcast_to(np.arange(len(x))[:, None], x.shape)
     i, j = x // TILE - low, y // TILE - low
     inside = (i >= 0) & (i < reach) & (j >= 0) & (j < reach)
@@ -123,22 +131,24 @@ def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint
             a_, b_ = a - low, b - low
             inside = near_to & (a_ >= 0) & (a_ < reach) & (b_ >= 0) & (b_ < reach)
             near[number[inside], a_[inside], b_[inside]] = True
-    missed = np.where(_by_group(near), 0, 255).astype(np.uint8)
-    counts = _by_group(count)
-    rest = x.shape[1] - counts.sum(axis=0)
-    rest[len(x) * GROUPS * GROUPS :] = 0  # lanes without a view
-    counts[:, len(x) * GROUPS * GROUPS :] = 0
-    return missed, np.concatenate([counts, rest[None]]).astype(np.uint16)
+    return np.where(_by_group(near), np.uint8(0), np.uint8(255)).T.copy(), _by_group(count)
+
+
+def _bits(counts: NDArray[np.int32]) -> NDArray[np.uint64]:
+    """The `TileTables.counts` of numbers (G, LANES, SIDE²)."""
+    digits = range(max(1, int(counts.max()).bit_length()))
+    planes = [np.packbits(counts & np.int32(1 << digit) != 0, axis=-1, bitorder="little") for digit in digits]
+    return np.stack(planes, axis=2).view("<u8").astype(np.uint64, copy=False)
 
 
 def _by_group(table: NDArray[Any]) -> NDArray[Any]:
-    """(SIDE², LANES) of a table (VIEWS, SIDE + 3, SIDE + 3): where each group of offsets moves it to."""
+    """(LANES, SIDE²) of a table (VIEWS, SIDE + 3, SIDE + 3): where each group of offsets moves it to."""
     moved = [
         table[:, GROUPS - 1 - g : GROUPS - 1 - g + SIDE, GROUPS - 1 - h : GROUPS - 1 - h + SIDE]
         for g in range(GROUPS)
         for h in range(GROUPS)
     ]
-    return np.stack(moved, axis=1).reshape(LANES, SIDE * SIDE).T.copy()
+    return np.stack(moved, axis=1).reshape(LANES, SIDE * SIDE)
 
 
 class Room(NamedTuple):
@@ -223,39 +233,46 @@ def may_reach(tiles: Any, documents: Any, tables: Any, needed: Any, result: Any)
         size = np.int64(tiles.sizes[document])
         spare = size + tables.size - needed[k]  # keypoints that may be missed
         shift = U(0) if spare < 255 else U(1)
-        if size + tables.size > MOST or spare >= 510:
-            result[k] = True
-        elif spare < 0:
-            result[k] = False
-        else:
+        result[k] = spare >= 0
+        if 0 <= spare < 510:
             result[k] = False
             for g in range(U(len(tables.missed))):
-                if _group_may_reach(tiles, document, size, tables, g, shift, U(spare), np.int64(needed[k])):
+                if _group_may_reach(tiles, document, tables, g, shift, U(spare), np.int64(needed[k]) - size):
                     result[k] = True
                     break
 
 
 @inner
 def _group_may_reach(
-    tiles: Any, document: Any, size: Any, tables: Any, g: Any, shift: Any, spare: Any, needed: Any
+    tiles: Any, document: Any, tables: Any, g: Any, shift: Any, spare: Any, needed: Any
 ) -> Any:
+    """Whether |Q'| less the map's keypoints that are missed may be what is needed, in any lane."""
     missed, entries = every_byte(U(0)), tiles.entries
     place, end = U(tiles.starts[document]), U(tiles.starts[document + 1])
     table, limit = tables.missed[g], spare >> shift
-    while place < end:
+    lanes = ~U(0)
+    while place < end and lanes:
         stop = min(place + U(STOP), end)
         while place < stop:
             entry = U(entries[place])
             keypoints = every_byte(((entry & U(63)) + U(1)) >> shift)
             missed = added(missed, keypoints & bytes_at(table, entry >> U(6)))
             place += U(1)
-        if not any_up_to(missed, limit):
-            return False
-    counts, rows = tables.counts[g], tiles.cover[document]
-    covered = numbers_at(counts, U(SIDE * SIDE))
-    for row in range(U(SIDE)):
-        bits = U(rows[row])
-        while bits:
-            covered = covered + numbers_at(counts, row * U(SIDE) + lowest(bits))
-            bits &= bits - U(1)
-    return any_reaches(covered, missed, shift, needed - size)
+        lanes = up_to(missed, limit)
+    counts, beyond = tables.counts[g], tables.beyond[g]
+    while lanes:
+        lane = lowest(lanes)
+        lanes &= lanes - U(1)
+        least = needed + np.int64(byte_of(missed, lane) << shift) - beyond[lane]
+        if _covered(counts[lane], tiles.cover, document) >= least:
+            return True
+    return False
+
+
+@inner
+def _covered(counts: Any, cover: Any, document: Any) -> Any:
+    """The sum of the counts of tiles whose bits are set in the cover of a document."""
+    total = U(0)
+    for digit in range(U(len(counts))):
+        total += common(counts, digit, cover, U(document)) << digit
+    return np.int64(total)

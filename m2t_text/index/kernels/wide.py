@@ -1,4 +1,4 @@
-"""Sixty-four bytes, or numbers of 16 bits, that are worked on at once, compiled; see `simd` for four words.
+"""Sixty-four bytes that are worked on at once, compiled; see `simd` for four words.
 
 Each is for one way to lay a query on a map: LANES of them are tried together.
 """
@@ -8,41 +8,29 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 LANES = 64
-BYTE, NUMBER, WORD = ir.IntType(8), ir.IntType(16), ir.IntType(64)
-BYTES, NUMBERS = ir.VectorType(BYTE, LANES), ir.VectorType(NUMBER, LANES)
+WORDS = 16  # of a row of bits
+BYTE, WORD = ir.IntType(8), ir.IntType(64)
+BYTES, ROW = ir.VectorType(BYTE, LANES), ir.VectorType(WORD, WORDS)
 
 
-class Wide(types.Type):
-    """The type of such bytes or numbers in compiled code; Python never sees one."""
+class WideBytes(types.Type):
+    """The type of such bytes in compiled code; Python never sees one."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name=name)
-
-
-class WideBytes(Wide):
-    """Of bytes."""
+    def __init__(self) -> None:
+        super().__init__(name="WideBytes")
 
 
-class WideNumbers(Wide):
-    """Of numbers of 16 bits."""
-
-
-wide_bytes, wide_numbers = WideBytes("WideBytes"), WideNumbers("WideNumbers")
+wide_bytes = WideBytes()
 
 
 @register_model(WideBytes)
 class _Bytes(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, BYTES)
-
-
-@register_model(WideNumbers)
-class _Numbers(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, NUMBERS)
 
 
 @type_callable(operator.and_)
@@ -55,49 +43,24 @@ def _and(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return builder.and_(*arguments)
 
 
-@type_callable(operator.add)
-def _add_typed(context: Any) -> Any:
-    return lambda a, b: wide_numbers if a is wide_numbers and b is wide_numbers else None
-
-
-@lower_builtin(operator.add, WideNumbers, WideNumbers)
-def _add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return builder.add(*arguments)
-
-
-def _row(context: Any, builder: Any, signature: Any, arguments: Any, vector: Any) -> Any:
-    """A row of an array's memory as a vector."""
-    data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-    pointer = builder.gep(data, [builder.mul(arguments[1], WORD(LANES))])
-    return builder.load(builder.bitcast(pointer, vector.as_pointer()), align=1)
-
-
 @intrinsic
 def bytes_at(typing: Any, array: Any, row: Any) -> Any:
     """A row of a C-contiguous (N, LANES) uint8 array."""
 
     def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _row(context, builder, signature, arguments, BYTES)
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        pointer = builder.gep(data, [builder.mul(arguments[1], WORD(LANES))])
+        return builder.load(builder.bitcast(pointer, BYTES.as_pointer()), align=1)
 
     return wide_bytes(array, types.uint64), load
 
 
-@intrinsic
-def numbers_at(typing: Any, array: Any, row: Any) -> Any:
-    """A row of a C-contiguous (N, LANES) uint16 array."""
-
-    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _row(context, builder, signature, arguments, NUMBERS)
-
-    return wide_numbers(array, types.uint64), load
-
-
-def _spread(builder: Any, value: Any, scalar: Any, vector: Any) -> Any:
-    one = builder.insert_element(
-        ir.Constant(vector, ir.Undefined), builder.trunc(value, scalar), ir.IntType(32)(0)
+def _spread(builder: Any, value: Any) -> Any:
+    first = builder.insert_element(
+        ir.Constant(BYTES, ir.Undefined), builder.trunc(value, BYTE), ir.IntType(32)(0)
     )
     places = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(one, one, places)
+    return builder.shuffle_vector(first, first, places)
 
 
 @intrinsic
@@ -105,7 +68,7 @@ def every_byte(typing: Any, value: Any) -> Any:
     """The same byte in all lanes."""
 
     def spread(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _spread(builder, arguments[0], BYTE, BYTES)
+        return _spread(builder, arguments[0])
 
     return wide_bytes(types.uint64), spread
 
@@ -123,30 +86,46 @@ def added(typing: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def any_up_to(typing: Any, value: Any, most: Any) -> Any:
-    """Whether a byte is not more than this in any lane."""
+def up_to(typing: Any, value: Any, most: Any) -> Any:
+    """A bit for each lane whose byte is not more than this."""
 
     def compare(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        found = builder.icmp_unsigned("<=", arguments[0], _spread(builder, arguments[1], BYTE, BYTES))
-        whole = ir.IntType(LANES)
-        return builder.icmp_unsigned("!=", builder.bitcast(found, whole), whole(0))
+        found = builder.icmp_unsigned("<=", arguments[0], _spread(builder, arguments[1]))
+        return builder.bitcast(found, WORD)
 
-    return types.boolean(wide_bytes, types.uint64), compare
+    return types.uint64(wide_bytes, types.uint64), compare
 
 
 @intrinsic
-def any_reaches(typing: Any, covered: Any, missed: Any, shift: Any, needed: Any) -> Any:
-    """Whether covered - (missed << shift) >= needed, as signed numbers, in any lane."""
+def byte_of(typing: Any, value: Any, lane: Any) -> Any:
+    """The byte of a lane."""
 
-    def compare(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        covered, missed, shift, needed = arguments
-        missed = builder.shl(builder.zext(missed, NUMBERS), _spread(builder, shift, NUMBER, NUMBERS))
-        least = _spread(builder, needed, NUMBER, NUMBERS)
-        found = builder.icmp_signed(">=", builder.sub(covered, missed), least)
-        whole = ir.IntType(LANES)
-        return builder.icmp_unsigned("!=", builder.bitcast(found, whole), whole(0))
+    def extract(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.zext(builder.extract_element(*arguments), WORD)
 
-    return types.boolean(wide_numbers, wide_bytes, types.uint64, types.int64), compare
+    return types.uint64(wide_bytes, types.uint64), extract
+
+
+def _called(builder: Any, name: str, result: Any, argument: Any) -> Any:
+    """What a function of LLVM's own returns."""
+    kind = ir.FunctionType(result, [argument.type])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [argument])
+
+
+@intrinsic
+def common(typing: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
+    """The number of bits that are set in both of two rows of C-contiguous (N, WORDS) uint64 arrays."""
+
+    def count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        rows = []
+        for place in (0, 2):
+            data = context.make_array(signature.args[place])(context, builder, arguments[place]).data
+            pointer = builder.gep(data, [builder.mul(arguments[place + 1], WORD(WORDS))])
+            rows.append(builder.load(builder.bitcast(pointer, ROW.as_pointer()), align=8))
+        counted = _called(builder, f"llvm.ctpop.v{WORDS}i64", ROW, builder.and_(*rows))
+        return _called(builder, f"llvm.vector.reduce.add.v{WORDS}i64", WORD, counted)
+
+    return types.uint64(a, types.uint64, b, types.uint64), count
 
 
 @intrinsic

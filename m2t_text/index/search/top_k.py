@@ -23,7 +23,7 @@ SAMPLE = 8192  # of them, at most, are looked at to find what is needed,
 AROUND = 32  # and of those on either side of the best, which one drive has often made of one place,
 ROUNDS = 2  # as often as this
 FEW = 1024  # documents of which it is seen what the sieve lets through
-LOOSE = 0.5  # share of them that a sieve lets through at most, if it is to be used
+LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
 

@@ -1,6 +1,7 @@
 """The quick bound: no map that reaches what is needed is left out, by its definition and against scores."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from map_oracle import random_text
@@ -39,6 +40,46 @@ def test_what_reaches_is_let_through(seed, span, turns, directions):
     assert through.all() or not both[~through].any()
 
 
+def bound_by_definition(x, y, text: Text) -> int:
+    """The largest |Q'| + |M'| under any group of offsets of one view (N,), as far as tiles tell."""
+    i, j = text.wx // TILE + MIDDLE, text.wy // TILE + MIDDLE
+    kept = (i >= 0) & (i < SIDE) & (j >= 0) & (j < SIDE)
+    best = 0
+    for least_x in range(-11, 13, TILE):
+        for least_y in range(-11, 13, TILE):
+            there = ~kept
+            for k in np.flatnonzero(
+                kept
+            ):  # any offset takes a keypoint of the query next to a cell of its tile
+                low_x, low_y = TILE * (i[k] - MIDDLE) - 6 - least_x, TILE * (j[k] - MIDDLE) - 6 - least_y
+                there[k] = ((x >= low_x) & (x <= low_x + 12) & (y >= low_y) & (y <= low_y + 12)).any()
+            here = 0
+            for q_x, q_y in zip(x, y, strict=True):
+                low_x, low_y = q_x // TILE * TILE + least_x - 1, q_y // TILE * TILE + least_y - 1
+                inside = max(abs(low_x // TILE + 0.5), abs(low_y // TILE + 0.5)) < MIDDLE
+                near_x = (text.wx >= low_x) & (text.wx <= low_x + 12)
+                here += not inside or (near_x & (text.wy >= low_y) & (text.wy <= low_y + 12)).any()
+            best = max(best, here + int(there.sum()))
+    return best
+
+
+@pytest.mark.parametrize("span", [20, 60, 110])
+def test_it_is_as_tight_as_by_its_definition(span):
+    rng = np.random.default_rng(span)
+    query = random_text(rng, 60, span=span)
+    maps = [random_text(rng, int(rng.integers(20, 60)), span=span) for _ in range(5)]
+    maps.append(query.moved([0.4, -0.7, 0.0], 0.1))
+    seen, tiles, documents = views(query, (0, 1, 2, 3), 2), Tiles.of(Texts.of(maps), 0, 6), np.arange(6)
+    bounds = [
+        max(bound_by_definition(x, y, one) for x, y in zip(seen.wx, seen.wy, strict=True)) for one in maps
+    ]
+    for more in (0, 1):
+        needed, through = np.array(bounds, dtype=np.int32) + more, np.zeros(6, dtype=np.bool_)
+        assert (needed > [len(one) for one in maps]).all()
+        may_reach(tiles, documents, TileTables.of(seen), needed, through)
+        assert (through == (more == 0)).all()
+
+
 def test_what_cannot_reach_is_left_out():
     along = np.arange(40)
     query = Text.of(along, 0 * along, along % 5)
@@ -71,7 +112,8 @@ def test_tiles_by_their_definition():
         for column in range(SIDE):
             low_x, low_y = TILE * (row - MIDDLE), TILE * (column - MIDDLE)
             taken = (x >= low_x) & (x <= low_x + 12) & (y >= low_y) & (y <= low_y + 12)
-            assert bool(tiles.cover[1, row] >> column & 1) == taken.any()
+            word, bit = divmod(row * SIDE + column, 64)
+            assert bool(int(tiles.cover[1, word]) >> bit & 1) == taken.any()
 
 
 def test_tiles_made_in_parts_are_those_of_the_whole():

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test web-test cluster-test ros-test web-bench live-bench patrol-bench pf-bench stress fuzz bench \
+.PHONY: help demo test long-test web-test cluster-test ros-test web-bench live-bench patrol-bench pf-bench stress fuzz bench \
   loops slam-bench calibrate lint docs docs-check notebooks clean
 
 help:  ## this list
@@ -14,6 +14,9 @@ demo: $(VENV)/.installed  ## see it work: simulate, index, search, draw
 
 test: $(VENV)/.installed-test  ## the tests, two minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+long-test: $(VENV)/.installed-test  ## the same on whole real drives, and with more examples
+	$(BIN)/python -m pytest -m long -n auto
 
 stress: $(VENV)/.installed-test  ## crashes, full disks, damage, strangers: four minutes
 	$(BIN)/python tests/stress.py

@@ -21,7 +21,7 @@ RUN = DEFAULT.mapping.run_length
 LASER = np.linspace(-np.pi / 2, np.pi / 2, 91)
 
 
-@pytest.mark.parametrize("name", ["freiburg-101", "freiburg-079"])
+@pytest.mark.parametrize("name", ["freiburg-101", pytest.param("freiburg-079", marks=pytest.mark.long)])
 def test_a_run_by_itself_reads_as_in_the_whole_log(radish: Path, name: str) -> None:
     log = read_log(radish / f"{name}-corrected.log.gz")
     log = replace(log, scans=log.scans[:800])

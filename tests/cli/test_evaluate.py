@@ -26,7 +26,7 @@ RECALLS = {"1", "3"}
 def loop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log that comes back to places, called as one of the paper's."""
     path = tmp_path_factory.mktemp("loop") / "fr079-simulated.log"
-    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.4)), path)
+    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.6, beams=90)), path)
     return path
 
 
@@ -47,7 +47,7 @@ def unusable(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def evaluation(loop: Path) -> Evaluation:
-    return evaluate(EvaluationRequest([loop], queries=40))
+    return evaluate(EvaluationRequest([loop], queries=24))
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_json(call: Call, loop: Path) -> None:
 def test_several_logs_are_looked_up_in_each_other(loop: Path, tmp_path: Path) -> None:
     """Another drive through the same building is the other log here, so that places are found in it."""
     part = tmp_path / "part.log"
-    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.4, drive=1)), part)
+    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.6, beams=90, drive=1)), part)
     found = evaluate(EvaluationRequest([loop, part], queries=10))
     for dataset in found.datasets:
         asked, matched = dataset.elsewhere
@@ -122,14 +122,14 @@ def test_the_table_stands_beside_the_papers(call: Call, loop: Path) -> None:
 
 
 def test_the_same_figures_for_any_number_of_jobs(loop: Path, evaluation: Evaluation) -> None:
-    again = evaluate(EvaluationRequest([loop], queries=40, jobs=2))
+    again = evaluate(EvaluationRequest([loop], queries=24, jobs=2))
     assert again.datasets[0].judgements == evaluation.datasets[0].judgements
     assert again.datasets[0].pairs[0].scores == evaluation.datasets[0].pairs[0].scores
 
 
 def test_the_seed_draws_the_queries(loop: Path, evaluation: Evaluation) -> None:
     drawn = [judgement.query for judgement in evaluation.datasets[0].judgements]
-    assert len(drawn) == 40 and drawn == sorted(set(drawn))
+    assert len(drawn) == 24 and drawn == sorted(set(drawn))
     truth = evaluation.datasets[0].truth
     assert set(drawn) < set(truth.queries().tolist())
     assert all(j.relevant == truth.relevance(j.query)[0].sum() for j in evaluation.datasets[0].judgements)

@@ -143,6 +143,7 @@ def test_what_a_log_is_drawn_into_and_found_in(call: Call, simulated: Path) -> N
     assert call("evaluate-map", "missing.log")[0] == 2
 
 
+@pytest.mark.long
 def test_real_runs_are_found_in_a_map_of_an_earlier_visit(radish: Path) -> None:
     (intel,) = evaluate(MapEvaluationRequest([radish / "intel-corrected.log.gz"], queries=20, jobs=2))
     assert len(intel.placed) == 20

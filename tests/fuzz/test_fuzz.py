@@ -70,6 +70,7 @@ def damage(folder: Path, name: str, data: st.DataObject) -> None:
     tried(target, bytes(content), folder)
 
 
+@pytest.mark.long
 def test_the_fuzzer_fuzzes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("atheris")
     monkeypatch.setattr("fuzz.FINDINGS", tmp_path / "findings")

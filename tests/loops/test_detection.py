@@ -36,6 +36,7 @@ def test_loops_correct_a_simulated_drive(detection: LoopDetection):
     assert errors["map"] < errors["loops"]
 
 
+@pytest.mark.long
 def test_loops_correct_a_real_drive(radish: Path):
     """The first 200 scans of the Intel Research Lab."""
     assessment = assess(detect_loops(cut(read_log(radish / "intel-corrected.log.gz"), 200)))

@@ -14,7 +14,8 @@ from m2t_text.recognition.queries import Query
 def index(request, tmp_path) -> m2t.MapIndex:
     index = m2t.open_index(tmp_path / "index", m2t.PROFILES[request.param])
     for seed in (1, 2):
-        index.add(m2t.LogSource(m2t.simulate(m2t.Simulation(length=24.0, travel=24.0, seed=seed))))
+        log = m2t.simulate(m2t.Simulation(length=24.0, travel=14.0, seed=seed, beams=90))
+        index.add(m2t.LogSource(log))
     return index
 
 
@@ -29,7 +30,7 @@ def told(finding: m2t.Finding) -> object:
 def test_many_are_answered_as_one_by_one(index: m2t.MapIndex, monkeypatch) -> None:
     monkeypatch.setattr(top_k, "SIEVED", 20)
     monkeypatch.setattr(collection, "ALONE", 2)
-    queries = [Query.of(document) for document in index.documents()][::9]
+    queries = [Query.of(document) for document in index.documents()][::6]
     assert len(queries) > 10
     for exclude in (None, 5.0):
         answers = [m2t.find(index, query, 5, query.excluding(exclude)) for query in queries]

@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from m2t_text.cli.compiling import compile_for
-from m2t_text.cli.console import bars, print_json, print_lines, print_table
+from m2t_text.cli.console import bars, print_json, print_lines, print_table, shown, sure
 from m2t_text.cli.opening import warn_of_missing
 from m2t_text.cli.options import warn
 from m2t_text.errors import M2TError, QueryError
@@ -118,20 +118,20 @@ def _print(name: str, answers: "list[Answer]", index: "Searchable", seconds: flo
     rows = []
     for answer in answers:
         finding = answer.finding
-        sure = finding.assessment.probability
+        probability = finding.assessment.probability
         best = finding.results[0] if finding.results else None
         place = None if best is None or finding.verdict == "none" else best.dataset_pose
         rows.append(
             [
                 answer.query.title,
                 finding.verdict,
-                "" if sure is None else f"{min(max(sure, 0.001), 0.999):.1%}",
+                "" if probability is None else sure(probability),
                 "" if best is None else best.hit.map_id,
                 "" if best is None else f"{best.hit.score:.4g}",
-                "" if place is None else "{:.2f} {:.2f} {:.2f}".format(*place),
+                "" if place is None else shown(place),
             ]
         )
-    numbers = ("sure", "score", "pose (m, m, rad)")
+    numbers = ("sure", "score", "pose (m, m)")
     sides = {"query": "left", "verdict": "left", "sure": "right", "best map": "left"}
     print_table(f"{len(rows):,} queries of {name}", sides | dict.fromkeys(numbers[1:], "right"), rows)
     print_lines(

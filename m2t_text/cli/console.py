@@ -7,7 +7,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import isnan
+from math import degrees, isnan
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from m2t_text.index.results import IndexInfo
-    from m2t_text.util.types import SourceProgress
+    from m2t_text.util.types import Floats, SourceProgress
 
 WIDE = 160  # columns of a table that no terminal shows
 STAGES = {"scans": "matching scans", "views": "looking around", "maps": "describing maps"}
@@ -67,6 +67,16 @@ def print_held(info: "IndexInfo") -> None:
 def print_lines(*lines: str) -> None:
     """Plain lines on standard output."""
     print("\n".join(clean(line) for line in lines))
+
+
+def sure(probability: float) -> str:
+    """A probability in per cent; never 100 or 0, which nothing is."""
+    return f"{100 * min(max(probability, 0.001), 0.999):.1f} %"
+
+
+def shown(pose: "Floats") -> str:
+    """A pose (3,) in metres and degrees."""
+    return f"{pose[0]:.2f} {pose[1]:.2f} {degrees(pose[2]):.0f}°"
 
 
 def as_called() -> str:

@@ -173,7 +173,7 @@ class MapDocReader(W3PerDocReader):
 
     def lengths(self, fieldname: str) -> NDArray[np.int64]:
         """(D,) number of tokens of each map; no other field has a length."""
-        return self._text_lengths if fieldname == TEXT else np.zeros_like(self._text_lengths)
+        return self._text_lengths if fieldname == TEXT else np.zeros(self.doc_count_all(), dtype=np.int64)
 
     @cached_property
     def _text_lengths(self) -> NDArray[np.int64]:

@@ -1,6 +1,5 @@
 """The command `search`."""
 
-from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,7 +7,7 @@ import typer
 
 from m2t_text.cli.compiling import compile_for
 from m2t_text.cli.completion import map_ids
-from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table
+from m2t_text.cli.console import a_number, note, print_json, print_lines, print_table, shown, sure
 from m2t_text.cli.opening import ClusterOption, PartialOption, opened, warn_of_missing
 from m2t_text.cli.options import (
     DEFAULT_INDEX,
@@ -24,9 +23,6 @@ from m2t_text.cli.options import (
 from m2t_text.errors import QueryError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from m2t_text.recognition.answer import Answer
     from m2t_text.recognition.finding import Finding
     from m2t_text.sources.opening import SourceOptions
@@ -147,7 +143,7 @@ def _print_answer(answer: "Answer") -> None:
         fit = [
             "" if share is None else f"{share:.0%}" for share in (result.inlier_ratio, result.conflict_ratio)
         ]
-        pose = "" if result.pose is None else "{:.2f} {:.2f} {:.0f}°".format(*_degrees(result.pose))
+        pose = "" if result.pose is None else shown(result.pose)
         rows.append([str(rank), hit.map_id, f"{hit.score:.4g}", *fit, pose, f"{begin:.2f}–{end:.2f}"])
     finding, index = answer.finding, answer.index
     _print_verdict(finding)
@@ -163,22 +159,14 @@ def _print_answer(answer: "Answer") -> None:
 
 def _print_verdict(finding: "Finding") -> None:
     """The answer in three lines: the verdict, where the query is if that is known, and why it is said."""
-    sure = finding.assessment.probability
-    print_lines(f"verdict: {finding.verdict}" + ("" if sure is None else f" ({_percent(sure)} sure)"))
+    probability = finding.assessment.probability
+    said = "" if probability is None else f" ({sure(probability)} sure)"
+    print_lines(f"verdict: {finding.verdict}{said}")
     place = finding.results[0].dataset_pose if finding.results else None
     if place is not None and finding.verdict != "none":
         best = finding.results[0].hit.document.dataset
-        print_lines("pose in the frame of {}: {:.2f} {:.2f} {:.0f}°".format(best, *_degrees(place)))
+        print_lines(f"pose in the frame of {best}: {shown(place)}")
     print_lines(f"because: {finding.assessment.reason.text}", "")
-
-
-def _percent(share: float) -> str:
-    """Never 100 or 0, which nothing is."""
-    return f"{100 * min(max(share, 0.001), 0.999):.1f} %"
-
-
-def _degrees(pose: "NDArray[np.float64]") -> tuple[float, float, float]:
-    return float(pose[0]), float(pose[1]), degrees(pose[2])
 
 
 def _draw(answer: "Answer", path: Path) -> None:

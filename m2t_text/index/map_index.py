@@ -16,7 +16,7 @@ from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
-from m2t_text.index.snapshot import Address, Ranking, Snapshot
+from m2t_text.index.snapshot import Address, Ranking, Recent, Snapshot
 from m2t_text.index.writing.folder import (
     check_new,
     create_whoosh,
@@ -58,6 +58,7 @@ class MapIndex:
         self._whoosh = whoosh
         self._snapshot: Snapshot | None = None
         self._pinned = False
+        self._recent: Recent | None = None  # of an index that is pinned
 
     def __repr__(self) -> str:
         try:
@@ -104,10 +105,14 @@ class MapIndex:
         return 0
 
     def pinned(self) -> "MapIndex":
-        """The same index at its latest committed state, which it keeps whatever is committed later."""
+        """The same index at its latest committed state, which it keeps whatever is committed later.
+
+        It also remembers what was found: searches for places next to each other become quicker, not different.
+        """
         pinned = MapIndex(self.path, self.whoosh, self.parameters)
         with self._reading() as snapshot:
             pinned._snapshot, pinned._pinned = snapshot, True
+        pinned._recent = self._recent or Recent()
         return pinned
 
     @contextmanager
@@ -348,7 +353,8 @@ class MapIndex:
     ) -> Iterator[list[Hit]]:
         """The best maps for each of many texts, in their order and of one state, in less time than one by one.
 
-        Each core works on a text of its own; texts are taken as they are needed. `find_many` also verifies.
+        Each core works on a text of its own, and what the texts before it found is looked at first; texts are
+        taken as they are needed. `find_many` also verifies.
 
         Examples:
             >>> import m2t_text as m2t
@@ -384,7 +390,7 @@ class MapIndex:
         with self._reading() as snapshot:
             allowed = self._allowed(snapshot, exclude, query)
             chosen = None if wanted is None else partial(self._wanted, wanted)
-            return snapshot.ranking(text, model, top, allowed, whole, least, chosen)
+            return snapshot.ranking(text, model, top, allowed, whole, least, chosen, self._recent)
 
     def hits(self, ranking: Ranking, top: int, texts: bool = False, floor: float = 0.0) -> list[Hit]:
         """What a search ends with, in the order of scores, then of map ids; none with a score below the floor.

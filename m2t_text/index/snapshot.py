@@ -1,5 +1,6 @@
 """One committed state of an index, as arrays over its maps."""
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,8 @@ if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching
     from m2t_text.index.search.weighting import MapWeighting
 
 EMPTY = Text.of([], [], [])
+REMEMBERED = 64  # searches of which it is known what they found,
+MOST_OF_ONE = 16  # so many maps of each
 
 
 class Segment:
@@ -101,6 +104,30 @@ class Address:
 Wanted = Callable[[list[Address], "Scores"], NDArray[np.bool_]]  # which of some maps (K,) count
 
 
+class Recent:
+    """The maps that the latest searches of one state have found: those that follow each other often ask for
+    places next to each other. Several threads may use it at once."""
+
+    def __init__(self) -> None:
+        self._found: deque[NDArray[np.int64]] = deque(maxlen=REMEMBERED)
+
+    def add(self, addresses: Sequence[Address]) -> None:
+        """Adds what a search has found."""
+        numbers = [one.segment.offset + one.number for one in addresses[:MOST_OF_ONE]]
+        self._found.append(np.array(numbers, dtype=np.int64))
+
+    def places(self, segments: Sequence[Segment], documents: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+        """(K,) their places among all documents (D,) of segments, ascending; those that are missing there are
+        left out."""
+        known = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *list(self._found)]))
+        begins = np.cumsum([0, *(len(part) for part in documents)])
+        places = [np.zeros(0, dtype=np.int64)]
+        for segment, own, begin in zip(segments, documents, begins[:-1].tolist(), strict=True):
+            _, _, there = np.intersect1d(known - segment.offset, own, assume_unique=True, return_indices=True)
+            places.append(begin + there)
+        return np.concatenate(places)
+
+
 class Ranking:
     """A search of one state in steps, between which several states can agree on what is good enough.
 
@@ -115,11 +142,13 @@ class Ranking:
         top: int,
         least: float = 0.0,
         wanted: "Wanted | None" = None,
+        recent: "Recent | None" = None,
     ) -> None:
         """``documents`` of each segment may be found; ``top`` of them are looked for, 0 for all. With a ``top``
-        only those count whose score reaches ``least`` and that are ``wanted``."""
+        only those count whose score reaches ``least`` and that are ``wanted``. What ``recent`` searches found
+        is looked at first."""
         self._segments, self._documents, self._top_k, self._top = segments, documents, top_k, top
-        self._least, self._wanted = least, wanted
+        self._least, self._wanted, self._recent = least, wanted, recent
 
     def __enter__(self) -> "Ranking":
         return self
@@ -133,11 +162,13 @@ class Ranking:
 
     @cached_property
     def _promising(self) -> "Promising":
-        wanted = self._wanted
+        wanted, likely = self._wanted, None
+        if self._recent is not None:
+            likely = self._recent.places(self._segments, self._documents)
         if wanted is None:
-            return self._top_k.promising(self._top, self._least)
+            return self._top_k.promising(self._top, self._least, None, likely)
         return self._top_k.promising(
-            self._top, self._least, lambda found, scores: wanted(self._addresses(found), scores)
+            self._top, self._least, lambda found, scores: wanted(self._addresses(found), scores), likely
         )
 
     def begin(self) -> tuple[NDArray[np.float64], bool]:
@@ -161,7 +192,10 @@ class Ranking:
             found, scores = self._top_k.rest(self._promising, floor)
         else:
             found, scores = np.arange(sum(map(len, self._documents))), self._top_k.all()
-        return self._addresses(found), scores
+        addresses = self._addresses(found)
+        if self._top and self._recent is not None:
+            self._recent.add(addresses)
+        return addresses, scores
 
     def _addresses(self, found: NDArray[np.int64]) -> list[Address]:
         """Where documents lie that are named by their places among all that may be found."""
@@ -248,6 +282,7 @@ class Snapshot:
         whole: Statistics | None = None,
         least: float = 0.0,
         wanted: "Wanted | None" = None,
+        recent: "Recent | None" = None,
     ) -> "Ranking":
         """A search among the ``allowed`` (D,) of segments; words are weighted by what is known of a ``whole``,
         of which these maps are a part, or of them alone. See `Ranking`."""
@@ -257,7 +292,7 @@ class Snapshot:
         scorer = model.text_scorer(text, self._collection(whole))
         names = [segment.name for segment in self.segments]
         top_k = TopK(scorer, dict(zip(names, documents, strict=True)))
-        return Ranking(self.segments, documents, top_k, top, least, wanted)
+        return Ranking(self.segments, documents, top_k, top, least, wanted, recent)
 
     def _collection(self, whole: Statistics | None) -> Collection:
         """The texts, which keep their weights as long as those of the same whole are asked for."""

@@ -96,8 +96,8 @@ def find_many(
 ) -> Iterator[Finding]:
     """What `find` says of each query, in their order and of one state of the index, in less time.
 
-    Each core works on a query of its own, so that none waits for another within a query. Queries are taken as
-    they are needed.
+    Each core works on a query of its own, so that none waits for another within a query, and what the queries
+    before it found is looked at first. Queries are taken as they are needed.
 
     Args:
         exclude_travel: metres within which maps of a query's own drive are left out.

@@ -86,7 +86,7 @@ def test_every_search_is_that_of_one_index(both, seed, top, filter, bag):
 
 @pytest.mark.parametrize("loose", [0.0, 1.0])  # never sieved, and always
 def test_so_it_is_where_shards_are_sampled_and_sieved_first(both, monkeypatch, loose):
-    for name, value in {"SIEVED": 2, "SAMPLE": 40, "FEW": 10, "LOOSE": loose}.items():
+    for name, value in {"SIEVED": 2, "SAMPLES": (20, 40), "FEW": 10, "LOOSE": loose}.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     one, many = both

@@ -28,7 +28,8 @@ def told(finding: m2t.Finding) -> object:
 
 
 def test_many_are_answered_as_one_by_one(index: m2t.MapIndex, monkeypatch) -> None:
-    monkeypatch.setattr(top_k, "SIEVED", 20)
+    for name, value in {"SIEVED": 20, "SAMPLES": (4, 16), "AROUND": 1, "FEW": 8}.items():
+        monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 2)
     queries = [Query.of(document) for document in index.documents()][::6]
     assert len(queries) > 10

@@ -23,10 +23,13 @@ from m2t_text.index.kernels.wide import (
     added,
     byte_of,
     bytes_at,
-    common,
     every_byte,
     lowest,
+    no_words,
+    plus_common,
+    sum_of,
     up_to,
+    words_at,
 )
 from m2t_text.util.compiling import inner, kernel
 
@@ -259,20 +262,13 @@ def _group_may_reach(
             missed = added(missed, keypoints & bytes_at(table, entry >> U(6)))
             place += U(1)
         lanes = up_to(missed, limit)
-    counts, beyond = tables.counts[g], tables.beyond[g]
+    counts, beyond, cover = tables.counts[g], tables.beyond[g], words_at(tiles.cover, U(document))
     while lanes:
         lane = lowest(lanes)
         lanes &= lanes - U(1)
-        least = needed + np.int64(byte_of(missed, lane) << shift) - beyond[lane]
-        if _covered(counts[lane], tiles.cover, document) >= least:
+        covered = no_words()
+        for digit in range(U(counts.shape[1])):
+            covered = plus_common(covered, words_at(counts[lane], digit), cover, digit)
+        if np.int64(sum_of(covered) - (byte_of(missed, lane) << shift)) + beyond[lane] >= needed:
             return True
     return False
-
-
-@inner
-def _covered(counts: Any, cover: Any, document: Any) -> Any:
-    """The sum of the counts of tiles whose bits are set in the cover of a document."""
-    total = U(0)
-    for digit in range(U(len(counts))):
-        total += common(counts, digit, cover, U(document)) << digit
-    return np.int64(total)

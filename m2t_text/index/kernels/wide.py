@@ -1,6 +1,6 @@
-"""Sixty-four bytes that are worked on at once, compiled; see `simd` for four words.
+"""Sixty-four bytes, or sixteen words, that are worked on at once, compiled; see `simd` for four words.
 
-Each is for one way to lay a query on a map: LANES of them are tried together.
+A byte is for one way to lay a query on a map: LANES of them are tried together. Words are rows of bits.
 """
 
 import operator
@@ -24,13 +24,26 @@ class WideBytes(types.Type):
         super().__init__(name="WideBytes")
 
 
-wide_bytes = WideBytes()
+class WideWords(types.Type):
+    """The type of WORDS words in compiled code."""
+
+    def __init__(self) -> None:
+        super().__init__(name="WideWords")
+
+
+wide_bytes, wide_words = WideBytes(), WideWords()
 
 
 @register_model(WideBytes)
 class _Bytes(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, BYTES)
+
+
+@register_model(WideWords)
+class _Words(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, ROW)
 
 
 @type_callable(operator.and_)
@@ -113,19 +126,49 @@ def _called(builder: Any, name: str, result: Any, argument: Any) -> Any:
 
 
 @intrinsic
-def common(typing: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
-    """The number of bits that are set in both of two rows of C-contiguous (N, WORDS) uint64 arrays."""
+def words_at(typing: Any, array: Any, row: Any) -> Any:
+    """A row of a C-contiguous (N, WORDS) uint64 array."""
 
-    def count(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        rows = []
-        for place in (0, 2):
-            data = context.make_array(signature.args[place])(context, builder, arguments[place]).data
-            pointer = builder.gep(data, [builder.mul(arguments[place + 1], WORD(WORDS))])
-            rows.append(builder.load(builder.bitcast(pointer, ROW.as_pointer()), align=8))
-        counted = _called(builder, f"llvm.ctpop.v{WORDS}i64", ROW, builder.and_(*rows))
-        return _called(builder, f"llvm.vector.reduce.add.v{WORDS}i64", WORD, counted)
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        pointer = builder.gep(data, [builder.mul(arguments[1], WORD(WORDS))])
+        return builder.load(builder.bitcast(pointer, ROW.as_pointer()), align=8)
 
-    return types.uint64(a, types.uint64, b, types.uint64), count
+    return wide_words(array, types.uint64), load
+
+
+@intrinsic
+def no_words(typing: Any) -> Any:
+    """Zero in each word."""
+
+    def zero(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return ir.Constant(ROW, [0] * WORDS)
+
+    return wide_words(), zero
+
+
+@intrinsic
+def plus_common(typing: Any, total: Any, a: Any, b: Any, digit: Any) -> Any:
+    """Each word of the total, and how many bits are set in both of two words, times two to the digit."""
+
+    def add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        total, a, b, digit = arguments
+        counted = _called(builder, f"llvm.ctpop.v{WORDS}i64", ROW, builder.and_(a, b))
+        first = builder.insert_element(ir.Constant(ROW, ir.Undefined), digit, ir.IntType(32)(0))
+        places = ir.Constant(ir.VectorType(ir.IntType(32), WORDS), [0] * WORDS)
+        return builder.add(total, builder.shl(counted, builder.shuffle_vector(first, first, places)))
+
+    return wide_words(wide_words, wide_words, wide_words, types.uint64), add
+
+
+@intrinsic
+def sum_of(typing: Any, value: Any) -> Any:
+    """The sum of all words."""
+
+    def add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _called(builder, f"llvm.vector.reduce.add.v{WORDS}i64", WORD, arguments[0])
+
+    return types.uint64(wide_words), add
 
 
 @intrinsic

@@ -19,10 +19,11 @@ Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 SHARES = 32  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
-SAMPLE = 8192  # of them, at most, are looked at to find what is needed,
+SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is needed,
 AROUND = 32  # and of those on either side of the best, which one drive has often made of one place,
-ROUNDS = 2  # as often as this
-FEW = 1024  # documents of which it is seen what the sieve lets through
+ROUNDS = 2  # as often as this; the second sample only if it has fewer documents than
+WORTH = 4  # times as many as would pass the sieve after the first,
+FEW = 1024  # of which so many are looked at to see that
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
@@ -63,6 +64,7 @@ class Promising:
         floor: a score that those reach.
         wanted: which documents count; all if None.
         done: (K,) the places of documents that were scored.
+        guesses: (K,) of their scores, from before.
         scores: of them.
         every: (M,) the places of documents that may be among the best; None if a sample was looked at.
         estimate: (M,) guesses of their scores.
@@ -72,6 +74,7 @@ class Promising:
     floor: float
     wanted: Wanted | None
     done: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    guesses: Floats = field(default_factory=lambda: np.zeros(0))
     scores: Scores = field(default_factory=lambda: Scores.none(0))
     every: NDArray[np.int64] | None = None
     estimate: Floats | None = None
@@ -129,15 +132,23 @@ class TopK:
         """
         return self.rest(self.promising(top, least, wanted))
 
-    def promising(self, top: int, least: float = 0.0, wanted: Wanted | None = None) -> Promising:
+    def promising(
+        self,
+        top: int,
+        least: float = 0.0,
+        wanted: Wanted | None = None,
+        likely: NDArray[np.int64] | None = None,
+    ) -> Promising:
         """The first step of `best`: scores the documents that promise most, of all or, if they are many, of a
-        sample. What its best reach, others have to reach as well."""
+        sample and of the ``likely`` places. What its best reach, others have to reach as well."""
         found, every = Promising(top, least, wanted), np.arange(len(self._documents))
         if not self._sieves:
             return self._scored(found, every)
-        found = self._scored(found, every[:: self._step])
-        for _ in range(ROUNDS):
-            found = self._scored(found, self._around(found))
+        for size in SAMPLES:
+            sample = every[:: -(-len(every) // size)]
+            if len(found.done) and len(sample) >= WORTH * len(every) * self._share(every, found.last):
+                break
+            found = self._climbed(found, sample if likely is None else np.union1d(sample, likely))
         return replace(found, every=None, estimate=None)
 
     def narrowed(self, promising: Promising, floor: float = 0.0) -> Promising:
@@ -149,10 +160,8 @@ class TopK:
         """
         if promising.every is not None:
             return promising
-        least = max(floor, promising.last)
-        return self._scored(
-            replace(promising, floor=least), self._sieved(np.arange(len(self._documents)), least)
-        )
+        found = replace(promising, floor=max(floor, promising.last))
+        return self._scored(found, self._sieved(np.arange(len(self._documents)), found.floor))
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The last step of `best`: looks at the other documents.
@@ -181,20 +190,18 @@ class TopK:
         return done[kept], scores[kept]
 
     @property
-    def _step(self) -> int:
-        """From one document of the sample to the next."""
-        return -(-len(self._documents) // SAMPLE)
-
-    @property
     def _sieves(self) -> bool:
         return len(self._documents) >= SIEVED and self._scorer.sieves
 
     def _sieved(self, places: NDArray[np.int64], floor: float) -> NDArray[np.int64]:
         """The places where scores may reach the floor; all where that would be most of them."""
-        few = places[:: -(-len(places) // FEW) or 1]
-        if len(places) > len(few) and self._through(few, floor).mean() > LOOSE:
+        if len(places) > FEW and self._share(places, floor) > LOOSE:
             return places
         return places[self._through(places, floor)]
+
+    def _share(self, places: NDArray[np.int64], floor: float) -> float:
+        """The share of places that the sieve lets through, about."""
+        return float(self._through(places[:: -(-len(places) // FEW)], floor).mean())
 
     def _through(self, places: NDArray[np.int64], floor: float) -> NDArray[np.bool_]:
         """Which places the sieve lets through."""
@@ -214,6 +221,14 @@ class TopK:
         hopeful = hopeful[_descending(bounds[hopeful])]
         return every[hopeful], bounds[hopeful]
 
+    def _climbed(self, found: Promising, places: NDArray[np.int64]) -> Promising:
+        """What is known once those that promise most of ascending places are scored, and then of those around
+        the best."""
+        found = self._scored(found, places)
+        for _ in range(ROUNDS):
+            found = self._scored(found, self._around(found))
+        return found
+
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""
         best = found.done[_largest(found.scores.score, found.top)]
@@ -224,11 +239,18 @@ class TopK:
     def _scored(self, found: Promising, places: NDArray[np.int64]) -> Promising:
         """What is known once those that promise most of ascending places are scored, too."""
         estimate = _joined(self._each(self._scorer.estimate, places))
-        chosen = places[_largest(estimate, 2 * found.top)]
-        chosen = np.setdiff1d(chosen, found.done)
-        scores = Scores.joined([found.scores, self._counted(chosen, found.floor, found.wanted)])
-        done = np.append(found.done, chosen)
-        return replace(found, done=done, scores=scores, every=places, estimate=estimate)
+        others = np.flatnonzero(np.isin(places, found.done, invert=True))
+        best = _largest(np.append(found.guesses, estimate[others]), 2 * found.top) - len(found.done)
+        chosen = others[np.sort(best[best >= 0])]
+        scores = self._counted(places[chosen], found.floor, found.wanted)
+        return replace(
+            found,
+            done=np.append(found.done, places[chosen]),
+            guesses=np.append(found.guesses, estimate[chosen]),
+            scores=Scores.joined([found.scores, scores]),
+            every=places,
+            estimate=estimate,
+        )
 
     def _counted(self, places: NDArray[np.int64], threshold: float, wanted: Wanted | None) -> Scores:
         """The scores at places, 0 of those that are not wanted; those below the threshold do not matter."""

@@ -161,7 +161,7 @@ def test_lanes_are_four_words():
 @pytest.mark.parametrize(("loose", "sample"), [(0.0, 40), (1.0, 40), (0.0, 1000), (1.0, 1000)])
 def test_the_best_are_the_first_of_all(tmp_path, monkeypatch, score, weighted, loose, sample):
     """Also with ties, which go by the map id, and across segments with deletions; sieved or not."""
-    for name, value in {"SIEVED": 2, "SAMPLE": sample, "FEW": 10, "LOOSE": loose}.items():
+    for name, value in {"SIEVED": 2, "SAMPLES": (sample // 2, sample), "FEW": 10, "LOOSE": loose}.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 2)
     rng = np.random.default_rng(3)
@@ -186,7 +186,7 @@ def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
     tmp_path, monkeypatch, sieved, sample
 ):
     """The best hits above a score that a caller wants, wherever they stand among the others."""
-    for name, value in {"SIEVED": sieved, "SAMPLE": sample, "FEW": 10, "LOOSE": 1.0}.items():
+    for name, value in {"SIEVED": sieved, "SAMPLES": (sample // 2, sample), "FEW": 10, "LOOSE": 1.0}.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(4)
@@ -212,3 +212,29 @@ def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
                 assert asked <= 2 * len(everything)  # some of a sample, and then of all
                 plain = [hit.map_id for hit in everything if hit.score >= max(least, 1e-9)][:top]
                 assert [hit.map_id for hit in index.search(query, top, least=least)] == plain
+
+
+def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp_path, monkeypatch):
+    for name, value in {"SIEVED": 2, "SAMPLES": (3, 20), "AROUND": 1, "FEW": 10}.items():
+        monkeypatch.setattr(top_k, name, value)
+    monkeypatch.setattr(collection, "ALONE", 0)
+    rng = np.random.default_rng(6)
+    index = MapIndex.create(tmp_path / "index", Parameters(matching=MatchingParameters(score="agreement")))
+    for name in ("b", "a"):
+        texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(60)]
+        index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
+    looked: list[int] = []
+    original = top_k.TopK.promising
+
+    def promising(self, top, least, wanted, likely):
+        looked.append(-1 if likely is None else len(likely))
+        return original(self, top, least, wanted, likely)
+
+    monkeypatch.setattr(top_k.TopK, "promising", promising)
+    expected = [index.search(text, 5, exclude=("a", 9.0, 8.0)) for text in texts]
+    pinned = index.pinned()
+    found = [pinned.search(text, 5, exclude=("a", 9.0, 8.0)) for text in texts]
+    assert [[(h.map_id, h.score) for h in hits] for hits in found] == [
+        [(h.map_id, h.score) for h in hits] for hits in expected
+    ]
+    assert looked[:61] == [-1] * 60 + [0] and min(looked[61:]) >= 5 and max(looked[61:]) > 40

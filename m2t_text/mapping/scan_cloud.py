@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.logs.log import Scan
 from m2t_text.mapping.normals import normals
@@ -27,6 +28,15 @@ class ScanCloud:
         """The same in the frame in which ``pose`` (3,), that of the cloud's own frame, is given."""
         turn = np.array([0.0, 0.0, pose[2]])
         return ScanCloud(transform(pose, self.points), transform(turn, self.normals))
+
+    def chosen(self, kept: NDArray[np.bool_] | Ints) -> "ScanCloud":
+        """The points of a mask (N,) or of numbers."""
+        return ScanCloud(self.points[kept], self.normals[kept])
+
+    def facing(self, viewpoint: Floats) -> "ScanCloud":
+        """The same with normals that point to the side of its wall from which ``viewpoint`` (2,) sees it."""
+        away = ((self.points - viewpoint) * self.normals).sum(axis=1) > 0
+        return ScanCloud(self.points, np.where(away[:, None], -self.normals, self.normals))
 
     @property
     def solid(self) -> "ScanCloud":

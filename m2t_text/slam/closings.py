@@ -13,23 +13,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from m2t_text.mapping.registration import SIDE_LENGTH
+from m2t_text.mapping.registration import CORRELATION, SIDE_LENGTH
 from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.mapping.wide_search import fitting_places
 from m2t_text.slam.frames import frames
 from m2t_text.slam.key_scans import KeyScans
-from m2t_text.slam.neighbours import VISIT, information_of, reached
+from m2t_text.slam.neighbours import VISIT, certainty
 from m2t_text.slam.optimisation import Constraints
+from m2t_text.slam.reach import reached
 from m2t_text.util.geometry import between, compose, inverse, wrap
 from m2t_text.util.types import Floats, Ints, Progress
 
 EVERY = 3.0  # m of travel from one submap to the next
 HALF, MORE = 6.0, 4.0  # m of travel to both sides of a submap's middle, and so many more of what it is laid on
 WINDOW = (6.0, np.radians(11.5))  # m and rad; half-width of the search
-TIED = 25.0  # m of travel by way of constraints, from which two places may be off
+TIED = 0.09  # m; standard deviation of a relative place from which it may be off
 MIN_TRAVEL_APART = 25.0  # m of travel between two visits, at least
-VIEW, REACH = 8.0, 16.0  # m; points farther away do not count for what a scan looks at, or are left out
+REACH = 16.0  # m; points farther away are left out
 SPACING = (0.1, 0.03)  # m between the points of a submap, and of what it is laid on
+ON_WALL, OPPOSITE = 0.2, 0.5  # m to a wall, and cosine of the angle between its normals: it is seen from behind
 INLIERS = 0.6  # share of its points that find a partner
 CLEAR, HINT = 4.0, 1.0  # by which the log-likelihood is above that of any other place: to be taken, to agree
 OTHER = (0.3, 0.1)  # m and rad between two places
@@ -46,12 +48,18 @@ class _Closing:
     scan: int
     place: int
     pose: Floats
+    information: Floats
     clear: float
 
 
-def closings(keys: KeyScans, poses: Floats, known: Constraints, jobs: int, progress: Progress) -> Constraints:
-    """Between key scans at ``poses`` (K, 3) whose relative place is not known by ``known`` constraints."""
-    pairs = list(_pairs(keys, poses, known))
+def closings(
+    keys: KeyScans, poses: Floats, steps: Floats, known: Constraints, jobs: int, progress: Progress
+) -> Constraints:
+    """Between key scans at ``poses`` (K, 3) whose relative place is not known.
+
+    By ``steps`` (K - 1,) and ``known`` constraints, as `reached` takes them.
+    """
+    pairs = list(_pairs(keys, poses, steps, known))
     found: list[_Closing] = []
     with ThreadPoolExecutor(jobs) as pool:
         for done, one in enumerate(pool.map(lambda pair: _laid(keys, poses, *pair), pairs), start=1):
@@ -59,16 +67,16 @@ def closings(keys: KeyScans, poses: Floats, known: Constraints, jobs: int, progr
             progress(done, len(pairs))
     clear = [one for one in found if one.clear >= CLEAR]
     taken = [one for one in clear if any(_agree(one, other, keys, poses) for other in found)]
-    return _constraints(taken, keys, poses)
+    return _constraints(taken)
 
 
-def _pairs(keys: KeyScans, poses: Floats, known: Constraints) -> Iterator[tuple[int, int]]:
+def _pairs(keys: KeyScans, poses: Floats, steps: Floats, known: Constraints) -> Iterator[tuple[int, int]]:
     """A key scan every EVERY metres, and of each earlier visit the one that looks at nearly the same."""
-    centres = _looked_at(keys, poses)
+    centres = keys.looked_at(poses)
     tree = KDTree(centres)
     frame = frames(keys, known)
     after = -np.inf
-    for scan, tied in enumerate(reached(keys, known, TIED)):
+    for scan, tied in enumerate(reached(keys, steps, known, TIED)):
         if keys.way[scan] < after:
             continue
         after = keys.way[scan] + EVERY
@@ -81,16 +89,6 @@ def _pairs(keys: KeyScans, poses: Floats, known: Constraints) -> Iterator[tuple[
                 yield scan, int(visit[np.argmin(np.hypot(*(centres[visit] - centres[scan]).T))])
 
 
-def _looked_at(keys: KeyScans, poses: Floats) -> Floats:
-    """(K, 2) the middle of what each key scan sees: one that looks back at it sees the same from elsewhere."""
-    middles = np.zeros((len(keys), 3))
-    for k, cloud in enumerate(keys.clouds):
-        near = cloud.points[np.hypot(cloud.points[:, 0], cloud.points[:, 1]) < VIEW]
-        if len(near):
-            middles[k, :2] = near.mean(axis=0)
-    return compose(poses, middles)[:, :2]
-
-
 def _submap(keys: KeyScans, poses: Floats, middle: int, half: float, spacing: float) -> ScanCloud:
     """What was seen on the way ``half`` metres before and after a key scan, in its frame."""
     first, last = np.searchsorted(keys.way, [keys.way[middle] - half, keys.way[middle] + half])
@@ -99,25 +97,24 @@ def _submap(keys: KeyScans, poses: Floats, middle: int, half: float, spacing: fl
     away = between(poses[middle], poses[near])
     parts = [keys.clouds[k].moved(pose) for k, pose in zip(near, away, strict=True)]
     points = np.concatenate([part.points for part in parts])
-    normals = np.concatenate([part.normals for part in parts])
-    kept = np.abs(points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
-    points, normals = points[kept], normals[kept]
-    _, one = np.unique(np.floor(points / spacing).astype(np.int64), axis=0, return_index=True)
-    one.sort()
-    return ScanCloud(points[one], normals[one])
+    cloud = ScanCloud(points, np.concatenate([part.normals for part in parts]))
+    cloud = cloud.chosen(np.abs(points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2)
+    _, one = np.unique(np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_index=True)
+    return cloud.chosen(np.sort(one))
 
 
 def _laid(keys: KeyScans, poses: Floats, scan: int, place: int) -> _Closing | None:
     """Where the submap about a key scan fits best near that of an earlier one."""
     expected = between(poses[place], poses[scan])
     seen = _submap(keys, poses, place, HALF + MORE, SPACING[1]).moved(inverse(expected))
-    near = np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
-    points = _submap(keys, poses, scan, HALF, SPACING[0]).points
-    points = points[np.abs(points).max(axis=1, initial=0.0) < REACH]
-    if not near.any() or not len(points):
+    seen = seen.chosen(np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2)
+    about = _submap(keys, poses, scan, HALF, SPACING[0])
+    about = about.chosen(np.abs(about.points).max(axis=1, initial=0.0) < REACH)
+    if not len(seen.points) or not len(about.points):
         return None
-    sigma = np.array(WINDOW)
-    places, fits, inliers = fitting_places(seen.points[near], seen.normals[near], points, *WINDOW, sigma)
+    places, fits, inliers = fitting_places(seen.points, seen.normals, about.points, *WINDOW, np.array(WINDOW))
+    behind = np.array([_back_to_back(seen, about.moved(pose)) for pose in places])
+    fits, inliers = fits - behind * len(about.points) / CORRELATION, inliers - behind
     best = int(np.argmax(fits))
     off = places - places[best]
     others = (np.hypot(off[:, 0], off[:, 1]) > OTHER[0]) | (np.abs(wrap(off[:, 2])) > OTHER[1])
@@ -125,7 +122,18 @@ def _laid(keys: KeyScans, poses: Floats, scan: int, place: int) -> _Closing | No
     inside = np.abs(places[best, :2]).max() < WINDOW[0] - BORDER
     if inliers[best] < INLIERS or clear < HINT or not inside:
         return None
-    return _Closing(scan, place, compose(expected, places[best]), clear)
+    information, _ = certainty(seen, about, places[best], LOOSE)
+    return _Closing(scan, place, compose(expected, places[best]), information, clear)
+
+
+def _back_to_back(seen: ScanCloud, about: ScanCloud) -> float:
+    """The share of points that lie on walls seen from the other side.
+
+    Where a corridor branches off, the wall that is seen from here may look like the other one seen from there.
+    """
+    distance, nearest = KDTree(seen.points).query(about.points)
+    facing = (about.normals * seen.normals[nearest]).sum(axis=1)
+    return float(((distance < ON_WALL) & (facing < -OPPOSITE)).mean())
 
 
 def _agree(one: _Closing, other: _Closing, keys: KeyScans, poses: Floats) -> bool:
@@ -138,14 +146,11 @@ def _agree(one: _Closing, other: _Closing, keys: KeyScans, poses: Floats) -> boo
     return bool(np.hypot(error[0], error[1]) < AGREED[0] and abs(error[2]) < AGREED[1])
 
 
-def _constraints(taken: list[_Closing], keys: KeyScans, poses: Floats) -> Constraints:
+def _constraints(taken: list[_Closing]) -> Constraints:
     pairs: Ints = np.array([(one.place, one.scan) for one in taken], dtype=np.int64).reshape(-1, 2)
-    information = [
-        information_of(keys.submap(one.place, poses), keys.clouds[one.scan], one.pose, LOOSE) for one in taken
-    ]
     return Constraints(
         pairs,
         np.array([one.pose for one in taken]).reshape(-1, 3),
-        np.array(information).reshape(-1, 3, 3),
+        np.array([one.information for one in taken]).reshape(-1, 3, 3),
         np.ones(len(taken), dtype=bool),
     )

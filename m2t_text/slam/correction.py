@@ -15,12 +15,14 @@ from m2t_text.slam.frames import frames
 from m2t_text.slam.key_scans import KeyScans, key_scans, spread
 from m2t_text.slam.neighbours import Neighbours, pairs_nearby
 from m2t_text.slam.optimisation import Constraints, optimise, optimise_gradually, robust_weights
+from m2t_text.slam.reach import step_variances
 from m2t_text.slam.wheels import wheel_steps
 from m2t_text.util.geometry import between, compose, inverse
 from m2t_text.util.types import Floats, Ints, StageProgress
 
 ROUNDS = 6  # of comparing neighbours and optimising, at most
 SETTLED = 0.05  # m; once no key scan moves by more, neighbours are compared for the last time, without a search
+SAID_ALREADY = 0.01  # share of its weight that a step keeps where wheels and scans are constraints of their own
 OUTLIER = 0.2  # share of its weight below which a constraint is one that the others contradict
 
 
@@ -113,21 +115,23 @@ def _corrected(drives: _Drives, jobs: int, tell: StageProgress) -> _Corrected:
     compared = Neighbours(keys, jobs)
     poses = _in_one_frame(drives.poses, keys, loops)
     behind = compared.behind(poses, partial(tell, "comparing scans"))
+    held = step_variances(keys, behind)
 
     def graph_at(poses: Floats, nearby: Constraints) -> Constraints:
-        steps = drives.steps.joined(wheel_steps(drives.wheels, poses, keys))
+        steps = drives.steps.joined(wheel_steps(drives.wheels, poses, keys, held))
         return steps.joined(loops).joined(behind).joined(nearby)
 
     seeds = loops.chosen([])
     poses = optimise_gradually(poses, graph_at(poses, seeds))
     known, moved = loops, np.inf
     for turn in range(ROUNDS):
-        new = closings(keys, poses, known, jobs, partial(tell, f"coming back, round {turn + 1}"))
+        sure = step_variances(keys, graph_at(poses, seeds))
+        new = closings(keys, poses, sure, known, jobs, partial(tell, f"coming back, round {turn + 1}"))
         if len(new):
             seeds, known = seeds.joined(new), known.joined(new)
             poses = optimise_gradually(poses, graph_at(poses, seeds))
         last = (moved <= SETTLED and not len(new)) or turn == ROUNDS - 1
-        pairs = pairs_nearby(keys, poses, known)
+        pairs = pairs_nearby(keys, poses, sure, known)
         nearby = compared.nearby(pairs, poses, not last, partial(tell, f"closing loops, round {turn + 1}"))
         nearby = seeds.joined(nearby)
         graph = graph_at(poses, nearby)
@@ -179,6 +183,7 @@ def _steps(detection: LoopDetection, keys: KeyScans) -> Constraints:
     information = np.linalg.inv(motions.covariance).astype(float)
     pairs = np.column_stack([first, first + 1])
     alone = np.isin(keys.drives[first], list(without_wheels(detection.log)))
+    information[~alone] *= SAID_ALREADY
     return Constraints(pairs, motions.pose, information, alone)
 
 

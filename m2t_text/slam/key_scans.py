@@ -13,6 +13,7 @@ from m2t_text.util.types import Floats, Ints
 
 KEY_STEP = (0.3, np.radians(20.0))  # m and rad from one key scan to the next
 METRES_PER_RADIAN = 0.3  # m of way that one radian of turning counts as, where a correction is spread
+VIEW = 8.0  # m; points farther away do not count for what a scan looks at
 SUBMAP_RADIUS = 3.0  # m; key scans farther away are not drawn into a submap
 SUBMAP = 3  # key scans before and after the one in a submap's middle
 
@@ -23,7 +24,7 @@ class KeyScans:
 
     Attributes:
         numbers: (K,) indices into the log.
-        clouds: their points and normals.
+        clouds: their points, and the normals of the walls' sides that they saw.
         way: (K,) metres of travel up to each.
         drives: (K,) number of the drive that each belongs to.
     """
@@ -41,6 +42,18 @@ class KeyScans:
         clouds = [self.clouds[k] for k in np.flatnonzero(own).tolist()]
         _, drives = np.unique(self.drives[own], return_inverse=True)
         return KeyScans(self.numbers[own], clouds, self.way[own] - self.way[own][0], drives)
+
+    def looked_at(self, poses: Floats) -> Floats:
+        """(K, 2) the middle of what each sees, at ``poses`` (K, 3).
+
+        A scan that looks back sees the same from elsewhere.
+        """
+        middles = np.zeros((len(self), 3))
+        for k, cloud in enumerate(self.clouds):
+            near = cloud.points[np.hypot(cloud.points[:, 0], cloud.points[:, 1]) < VIEW]
+            if len(near):
+                middles[k, :2] = near.mean(axis=0)
+        return compose(poses, middles)[:, :2]
 
     def submap(self, middle: int, poses: Floats) -> ScanCloud:
         """What was seen shortly before and after a key scan, in its frame, all at ``poses`` (K, 3)."""
@@ -64,7 +77,7 @@ def key_scans(log: Log, trajectory: Floats) -> KeyScans:
         if far or drives[i] != drives[numbers[-1]]:
             numbers.append(i)
     chosen = np.array(numbers, dtype=np.int64)
-    clouds = [scan_cloud(log.scans[k], log.laser_pose) for k in numbers]
+    clouds = [scan_cloud(log.scans[k], log.laser_pose).facing(log.laser_pose[:2]) for k in numbers]
     return KeyScans(chosen, clouds, travel(trajectory)[chosen], drives[chosen])
 
 

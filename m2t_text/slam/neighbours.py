@@ -5,28 +5,26 @@ Scans of one visit tie the trajectory together; scans of two visits close loops,
 pairs are compared whose relative place is known already: each new constraint lets its neighbours follow.
 """
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 from m2t_text.mapping.registration import SIDE_LENGTH, fit, register
 from m2t_text.mapping.scan_cloud import ScanCloud
 from m2t_text.slam.key_scans import KeyScans
 from m2t_text.slam.optimisation import Constraints
+from m2t_text.slam.reach import WEAK, reached
 from m2t_text.util.geometry import between, compose, inverse, wrap
 from m2t_text.util.types import Floats, Ints, Progress
 
 BEHIND = 3  # key scans before a scan to which it is tied
-MAX_DISTANCE = 2.5  # m between two key scans of different visits that are compared
+MAX_DISTANCE = 2.5  # m between what two key scans of different visits look at, where they are compared
 MIN_TRAVEL_APART = 3.0  # m of travel between two visits, at least
 VISIT = 3  # key scans by which two of one visit may be apart
-KNOWN = 80.0  # m of travel from one key scan to the other by way of constraints: their relative place is known
+KNOWN = 0.3  # m; standard deviation of a relative place up to which it is searched for
 WINDOW = (0.6, np.radians(6.0))  # m and rad; the search about the place that is known
 LOOSE, TIGHT = np.array([0.5, 0.1]), np.array([0.3, 0.1])  # m and rad; standard deviations of that place
 INLIERS = 0.5  # share of the scan's points that find a partner
@@ -34,9 +32,7 @@ SHIFT = (0.5, 0.15)  # m and rad; scans of one visit that move by more were conf
 # Errors of the registration beyond those of the fit:
 REMAINDER = np.array([0.01, 0.01, 0.003])  # m, m, rad
 NOISE, CORRELATION = 0.01, 10.0  # m, least noise of points; so many points count as one
-WEAK = np.diag([1e-2, 1e-2, 1e-1])  # information that is taken for granted, as a matrix may be singular
 FALSE_HOLD = 0.01  # share of walls across a direction that may be noise of normals
-CHUNK = 512  # rows of distances at once
 
 
 @dataclass(frozen=True)
@@ -55,42 +51,26 @@ def pairs_behind(keys: KeyScans) -> Ints:
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
-def pairs_nearby(keys: KeyScans, poses: Floats, known: Constraints) -> Ints:
+def pairs_nearby(keys: KeyScans, poses: Floats, steps: Floats, known: Constraints) -> Ints:
     """(P, 2) each key scan, and the one most like it of each earlier visit near its place.
 
-    Those whose relative place is known by ``known`` constraints only, between key scans at ``poses`` (K, 3).
+    Of key scans at ``poses`` (K, 3), those whose relative place is known, by ``steps`` (K - 1,) and ``known``
+    constraints as `reached` takes them. Near are two that look at nearly the same, if from opposite sides.
     """
-    tree = KDTree(poses[:, :2])
+    centres = keys.looked_at(poses)
+    tree = KDTree(centres)
     found = []
-    for scan, tied in enumerate(reached(keys, known, KNOWN)):
-        near = np.sort(np.array(tree.query_ball_point(poses[scan, :2], MAX_DISTANCE), dtype=np.int64))
+    for scan, tied in enumerate(reached(keys, steps, known, KNOWN)):
+        near = np.sort(np.array(tree.query_ball_point(centres[scan], MAX_DISTANCE), dtype=np.int64))
         other = (keys.drives[near] != keys.drives[scan]) | (keys.way[scan] - keys.way[near] > MIN_TRAVEL_APART)
         near = near[(near < scan) & other]
         near = near[tied[near]]
         for visit in np.split(near, np.flatnonzero(np.diff(near) > VISIT) + 1):
             if len(visit):
-                away = np.hypot(*(poses[visit, :2] - poses[scan, :2]).T)
+                away = np.hypot(*(centres[visit] - centres[scan]).T)
                 unlike = away + np.abs(wrap(poses[visit, 2] - poses[scan, 2]))
                 found.append((scan, visit[np.argmin(unlike)]))
     return np.array(found, dtype=np.int64).reshape(-1, 2)
-
-
-def reached(keys: KeyScans, known: Constraints, limit: float) -> Iterator[NDArray[np.bool_]]:
-    """For each key scan, which ones (K,) lie within ``limit`` metres of it by way of constraints."""
-    count = len(keys)
-    steps = np.diff(keys.way) + 1e-3  # zero would be no edge
-    same = np.flatnonzero(np.diff(keys.drives) == 0)
-    a = np.concatenate([same, known.pairs[:, 0]])
-    b = np.concatenate([same + 1, known.pairs[:, 1]])
-    length = np.concatenate([steps[same], np.full(len(known), 1e-3)])
-    shortest: dict[tuple[int, int], float] = {}
-    for i, j, metres in zip(a.tolist(), b.tolist(), length.tolist(), strict=True):
-        shortest[i, j] = min(metres, shortest.get((i, j), np.inf))
-    rows, columns = np.array(list(shortest)).T
-    graph = coo_array((np.array(list(shortest.values())), (rows, columns)), shape=(count, count)).tocsr()
-    for begin in range(0, count, CHUNK):
-        chunk = np.arange(begin, min(begin + CHUNK, count))
-        yield from np.isfinite(dijkstra(graph, directed=False, indices=chunk, limit=limit))
 
 
 class Neighbours:
@@ -151,23 +131,15 @@ def _registered(
     near = np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
     points, normals = seen.points[near], seen.normals[near]
     shift, _ = register(points, normals, scan.points, *window, sigma)
-    information, inliers = _certainty(ScanCloud(points, normals), scan, shift, np.diag(REMAINDER**2))
+    information, inliers = certainty(ScanCloud(points, normals), scan, shift, np.diag(REMAINDER**2))
     return _Measured(compose(expected, shift), information, inliers, shift)
 
 
-def information_of(reference: ScanCloud, scan: ScanCloud, pose: Floats, remainder: Floats) -> Floats:
-    """(3, 3) of the ``pose`` (3,) of a scan in a reference's frame.
+def certainty(reference: ScanCloud, scan: ScanCloud, pose: Floats, remainder: Floats) -> tuple[Floats, float]:
+    """The information (3, 3) of the ``pose`` (3,) of a scan in a reference's frame, and the share of inliers.
 
     The ``remainder`` (3, 3) is its covariance beyond that of the fit.
     """
-    seen = reference.moved(inverse(pose))
-    near = np.abs(seen.points).max(axis=1, initial=0.0) < SIDE_LENGTH / 2
-    information, _ = _certainty(ScanCloud(seen.points[near], seen.normals[near]), scan, np.zeros(3), remainder)
-    return information
-
-
-def _certainty(reference: ScanCloud, scan: ScanCloud, pose: Floats, remainder: Floats) -> tuple[Floats, float]:
-    """The information (3, 3) of a pose that was measured, and the share of inliers."""
     hessian, noise, inliers = fit(reference.points, reference.normals, scan.points, pose)
     variance = max(noise, NOISE) ** 2 * CORRELATION
     covariance = np.linalg.inv(hessian / variance + WEAK) + remainder + _unheld(hessian, variance)

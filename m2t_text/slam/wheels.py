@@ -20,10 +20,11 @@ METRES_PER_RADIAN = 0.1  # m of slip that one radian of turning counts as
 WINDOW = 10  # key scans over which systematic errors are looked for
 REWEIGHTED = 10  # times, so that the fit follows the most of them, not the few that slip
 LEAST_ERRORS = np.array([1e-3, 1e-3])  # m and rad; smaller ones weigh alike
+HELD = 0.03  # m; standard deviation of a step from which it says half as much of the wheels' lengths
 GUESS = np.array([1.0, 1.0, 3.0])  # m, m and rad of driving that say no error, so that little of it says little
 
 
-def wheel_steps(wheels: Floats, robot: Floats, keys: KeyScans) -> Constraints:
+def wheel_steps(wheels: Floats, robot: Floats, keys: KeyScans, held: Floats) -> Constraints:
     """From each key scan to the next of its drive, as the wheels have it; nothing for drives without wheels.
 
     How far they err is told by how far they leave the trajectory as it is known, over 0.3 to 30 m: wheels with
@@ -33,6 +34,8 @@ def wheel_steps(wheels: Floats, robot: Floats, keys: KeyScans) -> Constraints:
     Args:
         wheels: (K, 3) poses of the key scans by the wheels alone.
         robot: (K, 3) their poses as far as they are known.
+        held: (K - 1,) m², how uncertain the ways to the next key scans are by scan matching alone. Where it
+            does not hold them, the robot is where the wheels put it, which says nothing of their errors.
     """
     turned = np.concatenate([[0.0], np.cumsum(np.abs(wrap(np.diff(robot[:, 2]))))])
     moves = np.array(
@@ -41,7 +44,7 @@ def wheel_steps(wheels: Floats, robot: Floats, keys: KeyScans) -> Constraints:
     steps = _pairs(keys, moves, 1)
     if not len(steps):
         return Constraints(steps, np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0, dtype=bool))
-    wheels = _calibrated(wheels, robot, keys, moves)
+    wheels = _calibrated(wheels, robot, keys, moves, held)
     noise = np.zeros(2)
     for span in SPANS:
         pairs = _pairs(keys, moves, span)
@@ -58,7 +61,7 @@ def wheel_steps(wheels: Floats, robot: Floats, keys: KeyScans) -> Constraints:
     return Constraints(steps, between(*wheels[steps.T]), information, np.zeros(len(steps), dtype=bool))
 
 
-def _calibrated(wheels: Floats, robot: Floats, keys: KeyScans, moves: np.ndarray) -> Floats:
+def _calibrated(wheels: Floats, robot: Floats, keys: KeyScans, moves: np.ndarray, held: Floats) -> Floats:
     """(K, 3) the wheels' poses without the systematic errors of each drive that has wheels."""
     steps, true = between(wheels[:-1], wheels[1:]), between(robot[:-1], robot[1:])
     better = steps.copy()
@@ -66,23 +69,28 @@ def _calibrated(wheels: Floats, robot: Floats, keys: KeyScans, moves: np.ndarray
         own = np.flatnonzero((keys.drives[:-1] == drive) & (keys.drives[1:] == drive))
         if len(own) > WINDOW:
             way = np.abs(steps[own, 0])
-            slow = _fitted(steps[own, :1], (true - steps)[own, 0], LEAST_ERRORS[0], GUESS[:1])
+            say = 1.0 / (1.0 + held[own] / HELD**2)
+            slow = _fitted(steps[own, :1], (true - steps)[own, 0], say, LEAST_ERRORS[0], GUESS[:1])
             turns = np.column_stack([way, steps[own, 2]])
-            bias = _fitted(turns, wrap((true - steps)[own, 2]), LEAST_ERRORS[1], GUESS[1:])
+            bias = _fitted(turns, wrap((true - steps)[own, 2]), np.ones(len(own)), LEAST_ERRORS[1], GUESS[1:])
             better[own, :2] *= 1.0 + slow[0]
             better[own, 2] += turns @ bias
     return chain(wheels[0], better)
 
 
-def _fitted(causes: Floats, errors: Floats, least: float, guess: Floats) -> Floats:
-    """(C,) by how much each of the causes (S, C) makes the errors (S,), over WINDOW steps, in the least sum."""
+def _fitted(causes: Floats, errors: Floats, say: Floats, least: float, guess: Floats) -> Floats:
+    """(C,) by how much each of the causes (S, C) makes the errors (S,), over WINDOW steps, in the least sum.
+
+    The steps have more or less of a ``say`` (S,).
+    """
     ones = np.ones(WINDOW)
     of = np.column_stack([np.convolve(column, ones, "valid") for column in causes.T])
     off = np.convolve(errors, ones, "valid")
+    least_say = np.lib.stride_tricks.sliding_window_view(say, WINDOW).min(axis=1)
     found = np.zeros(causes.shape[1])
     for _ in range(REWEIGHTED):
         weights = 1.0 / np.maximum(np.abs(off - of @ found), least)
-        share = weights / weights.mean()
+        share = least_say * weights / weights.mean()
         found = np.linalg.solve(of.T @ (of * share[:, None]) + np.diag(guess**2), of.T @ (off * share))
     return found
 

@@ -11,6 +11,7 @@ from whoosh.query import Not, Term
 
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
+from m2t_text.live.continuity import Continuity
 from m2t_text.live.evidence import REMEMBERED_TRAVEL, Answer, Candidate, consistent, independent, joint_lead
 from m2t_text.live.place import Place, State
 from m2t_text.live.sought import Sought, candidates, covariance_of, may_fit
@@ -22,6 +23,8 @@ from m2t_text.recognition.queries import Query
 from m2t_text.recognition.verdict import FURTHEST, NOTHING, SURE, Assessment, Reason, Rival, probability
 from m2t_text.util.geometry import compose
 from m2t_text.util.types import Floats
+
+WHOLE = Continuity()
 
 
 class Localizer:
@@ -42,6 +45,7 @@ class Localizer:
 
     def reset(self) -> None:
         """Forgets all answers: the robot was carried away, or another drive begins."""
+        self._continuity = WHOLE
         self._answers: deque[Answer] = deque()
         self._match: Answer | None = None  # the last one
         self._suspect: Answer | None = None  # the last one that contradicted it, though sure by itself
@@ -52,6 +56,7 @@ class Localizer:
         robot: Floats | None = None,
         shorter: Iterable[LocalMap] = (),
         latest: LocalMap | None = None,
+        continuity: Continuity = WHOLE,
     ) -> Place:
         """Where the robot is.
 
@@ -62,8 +67,10 @@ class Localizer:
             shorter: what it saw on shorter last runs; they are looked up where ``seen`` is no `match`, as it is
                 none where the robot was carried elsewhere on it, or where the map ends.
             latest: what it saw on the very last scans; an answer where that does not fit is none.
+            continuity: of its drive; what earlier answers say does not go beyond where that ends.
         """
         begin = perf_counter()
+        self._continuity = continuity
         index = self._index.pinned()
         newest = None if latest is None else describe(latest, "live", index.parameters)
         sought = self._look_up(index, seen, robot, newest)
@@ -107,38 +114,49 @@ class Localizer:
         """Whether it is known where the robot is; see `Place`."""
         if self._match is None:
             return "unknown"
-        return "tracked" if self._suspect is None else "lost"
+        lost = self._suspect is not None or self._match.travel[1] < self._continuity.carried
+        return "lost" if lost else "tracked"
 
     def _weighed(self, answer: Answer, best: Found) -> Answer:
         """The answer with the assessment that earlier ones make of it."""
-        own = answer.assessment
-        led = self._led(answer)
-        if own.verdict == "match" and led is False:
-            suspect, self._suspect = self._suspect, answer
-            if suspect is None or not consistent(suspect, answer):
-                text = "it contradicts where the last match and the drive since then lead; the next one decides"
-                reason = Reason("elsewhere", text)
-                return replace(answer, assessment=replace(own, verdict="ambiguous", reason=reason))
-        if own.verdict != "ambiguous" or best.alignment is None:
+        verdict, led = answer.assessment.verdict, self._led(answer)
+        if verdict == "match" and led is False:
+            return self._doubted(answer)
+        if verdict != "ambiguous" or best.alignment is None:
             return answer
-        leads = [joint_lead(answer, earlier) for earlier in self._answers if independent(answer, earlier)]
+        linked = filter(self._linked, self._answers)
+        leads = [joint_lead(answer, one) for one in linked if independent(answer, one)]
         ahead = max((lead for lead in leads if lead is not None), default=None)
-        if led and ahead is None:
+        if ahead is None and led and self._match is not None and self._linked(self._match):
             ahead = FURTHEST  # the rivals are elsewhere than where the match led
         if ahead is None:
             return answer
-        fit = best.alignment.fit
         rival = Rival("elsewhere", best.hit.map_id, 0.0, 0.0, 0.0, ahead)
-        sure = probability(fit, rival)
+        sure = probability(best.alignment.fit, rival)
         if sure < SURE:
             return answer
         reason = Reason("fits", "an earlier place of this drive leads here, and to no rival of it")
         return replace(answer, assessment=Assessment("match", sure, reason))
 
+    def _doubted(self, answer: Answer) -> Answer:
+        """A match that is elsewhere than the last one led to: it counts once another one agrees with it."""
+        suspect, self._suspect = self._suspect, answer
+        if suspect is not None and consistent(suspect, answer):
+            return answer
+        text = "it contradicts where the last match and the drive since then lead; the next one decides"
+        reason = Reason("elsewhere", text)
+        return replace(answer, assessment=replace(answer.assessment, verdict="ambiguous", reason=reason))
+
+    def _linked(self, earlier: Answer) -> bool:
+        """Whether it is sure how the robot came from where it was at an earlier answer."""
+        return bool(earlier.travel[1] >= self._continuity.doubtful)
+
     def _led(self, answer: Answer) -> bool | None:
         """Whether the last match and the drive since then lead to the best; None where they lead nowhere."""
         match = self._match
-        if match is None or not 0 <= answer.travel[1] - match.travel[1] <= REMEMBERED_TRAVEL:
+        if match is None or match.travel[1] < self._continuity.carried:
+            return None
+        if not 0 <= answer.travel[1] - match.travel[1] <= REMEMBERED_TRAVEL:
             return None
         return consistent(match, answer)
 

@@ -21,8 +21,8 @@ class Place:
         probability: that the pose is right; None where nothing was verified.
         verdict: whether to believe it. With ``none`` the pose is no answer.
         reason: for the verdict.
-        state: ``tracked`` from a `match` on; ``lost`` when what is found contradicts where that one and the
-            drive since then lead, as after the robot was carried away.
+        state: ``tracked`` from a `match` on; ``lost`` once the robot sees other walls than it should, or when
+            what is found contradicts where that match and the drive since then lead: it was carried away.
         confirmed: whether other answers of the same drive made it a `match`, which it was not by itself.
         seconds: that the answer took.
     """

@@ -146,6 +146,7 @@ class Session:
                 yield from self._add(replace(scan, odometry=placed.pose, drive=drive))
 
     def _add(self, scan: Scan) -> Iterator[Answer]:
+        carried = self.survey.continuity.carried
         pose = self.survey.add(scan)
         begins = self._drive not in (None, scan.drive)
         if begins and self.localizer is not None:
@@ -159,6 +160,8 @@ class Session:
                 "pose": pose.tolist(),
                 "travel": self.survey.travel,
             }
+        if self.localizer is not None and self.survey.continuity.carried > carried:
+            yield _warning("the robot sees other walls than it should here: it may have been carried elsewhere")
         if self._left is not None:
             survey, runs = self.survey, tuple(self.survey.new_runs())
             yield from self._left(Left(self._robot.name, survey.scans - 1, pose, survey.travel, begins, runs))
@@ -176,10 +179,14 @@ class Session:
         seen = self.last_run(run)
         if seen is None:
             if self._every is None:
-                yield _warning(f"the drive has just begun: it takes {SHORTEST:g} m to know where the robot is")
+                text = "the drive has just begun, or the robot was carried elsewhere"
+                yield _warning(f"{text}: it takes {SHORTEST:g} m to know where it is")
             return
         self._asked = self.survey.travel
-        place = self.localizer.locate(seen, self.survey.pose, self.shorter_runs(seen), self.latest())
+        survey = self.survey
+        place = self.localizer.locate(
+            seen, survey.pose, self.shorter_runs(seen), self.latest(), survey.continuity
+        )
         yield {
             "type": "place",
             "scan": self.survey.scans - 1,
@@ -189,7 +196,11 @@ class Session:
         }
 
     def last_run(self, run: float | None = None) -> LocalMap | None:
-        """What the robot saw on its last run; where its drive has just begun, on all of it from SHORTEST on."""
+        """What the robot saw on its last run.
+
+        Where its drive has just begun, or it was carried elsewhere, on all that it drove since, if that is
+        SHORTEST.
+        """
         wanted = self._parameters.mapping.run_length if run is None else run
         seen = self.survey.last_run(wanted)
         if seen is None and run is None:

@@ -5,20 +5,16 @@ from dataclasses import dataclass
 
 from m2t_text.description.document import Document
 from m2t_text.index.map_index import MapIndex
+from m2t_text.live.continuity import may_show
 from m2t_text.live.evidence import Candidate
 from m2t_text.recognition.covariance import dataset_covariance
 from m2t_text.recognition.finding import symmetric
-from m2t_text.recognition.fit import Fit
 from m2t_text.recognition.found import Found
 from m2t_text.recognition.queries import Query
-from m2t_text.recognition.raster import Raster
 from m2t_text.recognition.verdict import Assessment
 from m2t_text.recognition.verification import Alignment, relative_pose
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
-
-LEAST_SEEN = 40  # keypoints, of both maps, from which the last scans can contradict an answer,
-FITS, CONFLICTS = 0.5, 5.0  # which they do below this share of inliers, less so many times that of conflicts
 
 
 @dataclass(frozen=True)
@@ -57,16 +53,14 @@ def candidates(
 
 
 def may_fit(index: MapIndex, sought: Sought, newest: Document) -> bool:
-    """Whether what the robot saw last may fit where its whole run was found; too little of it may."""
+    """Whether what the robot saw last may be seen where its whole run was found."""
     best = sought.best
     if best is None or best.alignment is None:
         return True
-    there, cell = index.document(best.hit.map_id), index.parameters.mapping.cell
-    begin = compose(there.pose, relative_pose(sought.document, there, best.alignment.pose))
-    seen_from = compose(begin, between(sought.document.pose, compose(newest.pose, newest.viewpoint)))
-    pose = between(compose(there.pose, there.viewpoint), seen_from)
-    fit = Fit.of(Raster.of(newest.text, cell), pose, Raster.of(there.text, cell))
-    return fit.seen < LEAST_SEEN or fit.seen_inliers - CONFLICTS * fit.seen_conflicts >= FITS
+    there = index.document(best.hit.map_id)
+    begin = relative_pose(sought.document, there, best.alignment.pose)
+    pose = compose(begin, between(sought.document.pose, newest.pose))
+    return may_show(newest, pose, there, index.parameters.mapping.cell)
 
 
 def covariance_of(index: MapIndex, document: Document, best: Found, motion: Floats) -> Floats:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.config import Parameters
 from m2t_text.errors import LogError, M2TError
+from m2t_text.live.continuity import DOUBTFUL, Continuity, goes_on
 from m2t_text.logs.log import ARM, Scan
 from m2t_text.mapping.free_space import Beams, clear_lengths, longest_reading
 from m2t_text.mapping.local_map import LEAP, LocalMap, Odometer, Survey, local_maps
@@ -66,6 +67,13 @@ class LiveSurvey:
         longest_run: metres of travel up to which `last_run` can look back; None for twice a map's.
         without_wheels: the drives whose scans come without odometry, see `Scan`; True for all.
 
+    Attributes:
+        pose: (3,) of the robot at the last scan, in the frame of the first.
+        travel: metres up to there.
+        scans: how many there were.
+        continuity: when the robot was last carried elsewhere, as far as its scans tell. `last_run` looks no
+            farther back. What the drive leaves behind is the same as if nothing had been noticed.
+
     Raises:
         LogError: if the laser sits nowhere on a robot.
 
@@ -105,11 +113,13 @@ class LiveSurvey:
         self._longest = 0.0  # m; reading so far
         self._kept: list[_Kept] = []
         self._drive: int | None = None
+        self._whole_from = 0  # number of the first scan since the robot was last carried elsewhere
         self._begin = 0  # number of the first kept scan that has not yet had its run completed
         self._after = 0.0  # m of travel from which on the next local map may begin
         self.scans = 0
         self.pose = np.zeros(3)
         self.travel = 0.0
+        self.continuity = Continuity()
 
     def add(self, scan: Scan) -> Floats:
         """The robot's pose (3,) at the next scan, in the frame of the first scan.
@@ -129,7 +139,26 @@ class LiveSurvey:
         self._kept.append(_Kept(self.scans, points, scan.angles, lengths, pose, way, moved))
         self._drive, self.pose, self.travel = scan.drive, pose, way
         self.scans += 1
+        if self._matcher.inliers < DOUBTFUL:
+            if self._carried():
+                self._whole_from = self.scans - 1
+                self.continuity = replace(self.continuity, carried=way)
+            self.continuity = replace(self.continuity, doubtful=way)
         return pose
+
+    def _carried(self) -> bool:
+        """Whether the last scan was taken elsewhere than those before it lead."""
+        *earlier, newest = self._kept[self._first :]
+        earlier = [one for one in earlier if self.travel - one.way <= self._run]
+        if not earlier:
+            return False
+        before, now = self._local_map(earlier, np.inf), self._local_map([newest], np.inf)
+        return not goes_on(before, now, self.parameters)
+
+    @property
+    def _first(self) -> int:
+        """The first of the kept scans that hang together with the last one."""
+        return next(k for k, one in enumerate(self._kept) if one.number >= self._whole_from)
 
     def _forget(self) -> None:
         """Drops what no run that is still to come, and none that `last_run` may be asked for, needs."""
@@ -143,14 +172,14 @@ class LiveSurvey:
 
     @property
     def driven(self) -> float:
-        """Metres of travel that are kept of this drive."""
-        return self.travel - self._kept[0].way if self._kept else 0.0
+        """Metres of travel that are kept of this drive, and hang together."""
+        return self.travel - self._kept[self._first].way if self._kept else 0.0
 
     def last_run(self, metres: float | None = None) -> LocalMap | None:
         """What was seen on the last ``metres`` of travel, those of a map if None, in the frame of their begin.
 
         The run is the last one that is complete: where the robot stands, it may have ended some scans ago. None
-        where the robot has not travelled so far since the begin of its drive.
+        where the robot has not travelled so far since its drive began, or since it was carried elsewhere.
 
         Raises:
             M2TError: if so much is not kept.
@@ -158,9 +187,9 @@ class LiveSurvey:
         metres = self._run if metres is None else metres
         if not 0 < metres <= self._longest_run:
             raise M2TError(f"a run of {metres:g} m is not kept, which are {self._longest_run:g} m at most")
-        kept = self._kept
+        kept = self._kept[self._first :] if self._kept else []
         begin = next((k for k in reversed(range(len(kept))) if self.travel - kept[k].way >= metres), None)
-        return None if begin is None else self._local_map(begin, metres)
+        return None if begin is None else self._local_map(kept[begin:], metres)
 
     def new_runs(self) -> Iterator[LocalMap]:
         """The local maps whose runs the last scan completed, in their order, at least SPACING apart.
@@ -175,11 +204,11 @@ class LiveSurvey:
             self._begin = one.number + 1
             if one.way >= self._after:
                 self._after = one.way + SPACING
-                yield self._local_map(k, self._run)
+                yield self._local_map(self._kept[k:], self._run)
 
-    def _local_map(self, begin: int, metres: float) -> LocalMap:
+    def _local_map(self, kept: Sequence[_Kept], metres: float) -> LocalMap:
+        """What was seen from the first of some scans on, for so many metres or up to the last of them."""
         mapping = self.parameters.mapping
-        kept = self._kept[begin:]
         window = _Window(kept, self.laser_pose)
         starts: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
         (found,) = local_maps(window, replace(mapping, run_length=metres), starts)

@@ -47,6 +47,9 @@ class ScanMatcher:
     """Matches scan after scan, of a log or of a robot that drives, and keeps only what later ones need.
 
     A new drive begins where the one before ends, as nothing is known of the way there, and matches none of it.
+
+    Attributes:
+        inliers: the share of the last scan's points that fit what those before it saw; 1 where a drive begins.
     """
 
     def __init__(self, laser_pose: Floats, without_wheels: Container[int] = ()) -> None:
@@ -57,21 +60,23 @@ class ScanMatcher:
         self._last: Scan | None = None
         self._pose = np.zeros(3)
         self._way = 0.0  # m of travel, by odometry where there is any
+        self.inliers = 1.0
         self._forget_motion()
 
     def add(self, scan: Scan) -> Floats:
         """The robot's pose (3,) at the next scan, in the frame of the first scan."""
         cloud = scan_cloud(scan, self._laser_pose)
-        last, pose = self._last, self._pose
+        last, pose, self.inliers = self._last, self._pose, 1.0
         alone = scan.drive in self._without_wheels
         if last is not None and scan.drive != last.drive:
             self._keys.clear()
             self._forget_motion()
         elif last is not None and alone:
-            pose = self._matched_alone(cloud)
+            pose, self.inliers = self._matched_alone(cloud)
         elif last is not None:
             self._way += float(np.hypot(*(scan.odometry - last.odometry)[:2]))
-            pose = self._matched(cloud, scan.odometry, between(last.odometry, scan.odometry))
+            motion = between(last.odometry, scan.odometry)
+            pose, self.inliers = self._matched(cloud, scan.odometry, motion)
         if not self._keys or _far(self._keys[-1].pose, pose):
             if self._keys and not alone:
                 key = self._keys[-1]
@@ -85,8 +90,8 @@ class ScanMatcher:
         self._surprise = SURPRISE**2
         self._slip = WheelSlip()
 
-    def _matched(self, cloud: ScanCloud, odometry: Floats, motion: Floats) -> Floats:
-        """The pose (3,) of a scan at this ``odometry`` (3,), after a ``motion`` (3,) of the wheels.
+    def _matched(self, cloud: ScanCloud, odometry: Floats, motion: Floats) -> tuple[Floats, float]:
+        """The pose (3,) of a scan at this ``odometry`` (3,), after this ``motion`` (3,), and its inliers.
 
         Where scans are dense, each may slip by all of its way: a person who walks ahead would hold the robot.
         So the way of a metre is compared with the wheels', and they are believed where they fit about as well.
@@ -96,11 +101,11 @@ class ScanMatcher:
         driven = between(key.odometry, odometry)
         dense = float(np.hypot(*motion[:2])) < DENSE[0] and abs(float(motion[2])) < DENSE[1]
         if not dense or not self._slip.doubts(driven, between(key.pose, pose)):
-            return pose
+            return pose, inliers
         by_wheels = compose(key.pose, driven)
         by_wheels[2] = pose[2]
         other, fitting = self._near(by_wheels, cloud, np.zeros(3))
-        return other if fitting > inliers - WALKERS else pose
+        return (other, fitting) if fitting > inliers - WALKERS else (pose, inliers)
 
     def _near(self, predicted: Floats, cloud: ScanCloud, motion: Floats) -> tuple[Floats, float]:
         """The pose (3,) of a scan near a predicted one, after a motion (3,) by the wheels, and its inliers."""
@@ -113,21 +118,22 @@ class ScanMatcher:
         shift, inliers = register(seen.points, seen.normals, cloud.points, window[0], window[1], sigma)
         return compose(predicted, _as_held(seen, cloud, shift)), inliers
 
-    def _matched_alone(self, cloud: ScanCloud) -> Floats:
-        """The pose (3,) of a scan where nothing but the last motion predicts it."""
+    def _matched_alone(self, cloud: ScanCloud) -> tuple[Floats, float]:
+        """The pose (3,) of a scan where nothing but the last motion predicts it, and its inliers."""
         predicted = compose(self._pose, self._motion)
         seen = self._reference(predicted)
         sigma = np.maximum(TRUSTED * np.sqrt(self._surprise), MIN_SEARCH)
         shift, inliers = _found(seen, cloud, sigma)
         if inliers < LOST_INLIERS:
             wide, more = _found(seen, cloud, WIDER * np.maximum(sigma, SURPRISE))
-            shift = wide if more > inliers + CLEARLY else shift
+            if more > inliers + CLEARLY:
+                shift, inliers = wide, more
         error = np.array([shift[0] ** 2 + shift[1] ** 2, shift[2] ** 2])
         self._surprise = self._surprise + (error - self._surprise) / MEMORY
         pose = compose(predicted, shift)
         self._motion = between(self._pose, pose)
         self._way += float(np.hypot(*self._motion[:2]))
-        return pose
+        return pose, inliers
 
     def _reference(self, predicted: Floats) -> ScanCloud:
         """What the recent key scans saw, in the frame of the predicted pose (3,)."""

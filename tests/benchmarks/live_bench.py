@@ -147,8 +147,8 @@ def followed(known: Known) -> None:
     answers = []
     for k, scan in enumerate(known.second.scans):
         for place in session.take(Swept(scan, True)):
-            run = session.survey.last_run()
-            if run is None:  # its drive has just begun
+            run = session.last_run()
+            if place["type"] != "place" or run is None:
                 continue
             found = place["pose"] is not None
             right = found and known.right(place["map_id"], np.array(place["pose"]), k)

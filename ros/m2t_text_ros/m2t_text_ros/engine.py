@@ -131,13 +131,13 @@ class Engine:
         with self._lock:
             seen, robot, drive = self._session.last_run(), self._session.survey.pose.copy(), self._session.drive
             shorter = [] if seen is None else list(self._session.shorter_runs(seen))
-            latest = self._session.latest()
+            latest, continuity = self._session.latest(), self._session.survey.continuity
         if localizer is None or index is None or seen is None:
             return None
         if drive != self._drive:
             localizer.reset()
         self._drive = drive
-        place = localizer.locate(seen, robot, shorter, latest)
+        place = localizer.locate(seen, robot, shorter, latest, continuity)
         return Located(place, *_drawn(index, seen, robot, place))
 
     def warm_up(self) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from lookups import Lookups, Source, in_other_logs, in_saved_map, sequences, visits
 
+from m2t_text.config import PROFILES
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.simulation.simulator import Simulation, simulate
-from m2t_text.util.geometry import wrap
-
-TURN = 0.3  # m of travel that a radian counts as, where poses are interpolated
+from m2t_text.mapping.trajectory import survey
+from m2t_text.util.geometry import between, compose
 
 
 def all_lookups(logs: Sequence[str], simulated: int, count: int, folder: Path) -> Iterator[Lookups]:
@@ -88,7 +88,10 @@ def _simulated(k: int) -> Log:
 
 
 def _with_truth_of(log: Log, corrected: Log) -> Log:
-    """The part of a log that another one, which holds some of its scans, gives ground truth; interpolated."""
+    """The part of a log that another one, which holds some of its scans, gives ground truth.
+
+    In between the robot moved as scan matching says, and what that errs is spread over the scans.
+    """
     assert corrected.ground_truth is not None
     places: dict[bytes, list[int]] = {}
     for k, scan in enumerate(log.scans):
@@ -99,11 +102,12 @@ def _with_truth_of(log: Log, corrected: Log) -> Log:
         if later:
             at.append(later[0])
             poses.append(pose)
-    known = np.array(poses)
-    known[:, 2] = np.unwrap(known[:, 2])
-    steps = np.diff([scan.odometry for scan in log.scans], axis=0)
-    moved = np.hypot(steps[:, 0], steps[:, 1]) + TURN * np.abs(wrap(steps[:, 2])) + 1e-6
-    way = np.cumsum([0.0, *moved])
-    columns = [np.interp(way, way[at[1:]], column) for column in known.T]
     inside = slice(at[1], at[-1] + 1)
-    return replace(log, scans=log.scans[inside], ground_truth=np.column_stack(columns)[inside])
+    part = replace(log, scans=log.scans[inside])
+    known, moved = np.array(at[1:]) - at[1], survey(part, PROFILES["default"].mapping).trajectory
+    truth = [poses[0][None]]
+    for begin, end, first, last in zip(known, known[1:], poses, poses[1:], strict=False):
+        walk = compose(first, between(moved[begin], moved[begin + 1 : end + 1]))
+        share = np.arange(1, len(walk) + 1)[:, None] / len(walk)
+        truth.append(compose(walk, share * between(walk[-1], last)))
+    return replace(part, ground_truth=np.concatenate(truth))

@@ -25,6 +25,7 @@ RIDGE = 0.003  # for the mean square of coefficients, of figures whose standard 
 NOISE = 0.004
 WEIGHTS = (1.0, 0.5, 0.5, 0.5, 0.5, 0.25)  # of the kinds of queries
 FEWEST = 40  # queries of a kind that count in full
+DOUBT = 0.2  # added to the chance of the right alignments, so that queries with hopeless ones do not rule
 UNLIKELY = 1e-12
 
 
@@ -119,7 +120,7 @@ def fitted_evidence(sources: Sequence[Lookups]) -> Floats:
             value - np.repeat(np.maximum.reduceat(value, begins), np.diff(np.append(begins, len(value))))
         )
         share = np.add.reduceat(chance * among, begins) / np.add.reduceat(chance, begins)
-        return float(-(weight * np.log(share + UNLIKELY)).sum() + RIDGE / 10 * (scaled**2).mean())
+        return float(-(weight * np.log(share + DOUBT)).sum() + RIDGE / 10 * (scaled**2).mean())
 
     return sign * _least(loss, np.ones(4), [(0.0, None)] * 4) / scale
 

@@ -65,7 +65,7 @@ def _source_of(path: str) -> Source:
 
 def _read(name: str, raw: Path, corrected: Path | None) -> Log:
     log = replace(read_log(raw), name=name)
-    return log if corrected is None else _with_truth_of(log, read_log(corrected))
+    return log if corrected is None else with_truth_of(log, read_log(corrected))
 
 
 def _simulated(k: int) -> Log:
@@ -87,7 +87,7 @@ def _simulated(k: int) -> Log:
     return replace(log, name=name, scans=log.scans[::every], ground_truth=log.ground_truth[::every])
 
 
-def _with_truth_of(log: Log, corrected: Log) -> Log:
+def with_truth_of(log: Log, corrected: Log) -> Log:
     """The part of a log that another one, which holds some of its scans, gives ground truth.
 
     In between the robot moved as scan matching says, and what that errs is spread over the scans.

@@ -71,6 +71,7 @@ class Localizer:
         """
         begin = perf_counter()
         self._continuity = continuity
+        known = self.state == "tracked"
         index = self._index.pinned()
         newest = None if latest is None else describe(latest, "live", index.parameters)
         sought = self._look_up(index, seen, robot, newest)
@@ -80,15 +81,22 @@ class Localizer:
             other = self._look_up(index, run, robot, newest)
             sought = other if other.assessment.verdict == "match" else sought
         if sought.best is None:
-            return self._place(None, None, None, sought.assessment, False, begin)
+            return self._place(sought.assessment, begin)
         found = candidates(index, sought.document, sought.results, sought.motion)
         best, rivals = next(found), cache(partial(list[Candidate], found))
         answer = Answer(best, rivals, sought.robot, sought.document.travel, sought.assessment)
-        confirmed = self._weighed(answer, sought.best)
-        self._follow(confirmed)
-        changed = confirmed.assessment.verdict == "match" and sought.assessment.verdict != "match"
-        uncertain = covariance_of(index, sought.document, sought.best, sought.motion)
-        return self._place(sought.best, best.pose, uncertain, confirmed.assessment, changed, begin)
+        weighed = self._weighed(answer, sought.best)
+        self._follow(weighed)
+        match, hit = weighed.assessment.verdict == "match", sought.best.hit.document
+        return replace(
+            self._place(weighed.assessment, begin),
+            dataset=hit.dataset,
+            map_id=hit.map_id,
+            pose=best.pose,
+            covariance=covariance_of(index, sought.document, sought.best, sought.motion),
+            confirmed=match and sought.assessment.verdict != "match",
+            first=match and not known,
+        )
 
     def _look_up(
         self, index: MapIndex, seen: LocalMap | Document, robot: Floats | None, newest: Document | None
@@ -169,25 +177,7 @@ class Localizer:
         if answer.assessment.verdict == "match":
             self._match, self._suspect = answer, None
 
-    def _place(
-        self,
-        best: Found | None,
-        pose: Floats | None,
-        uncertain: Floats | None,
-        assessment: Assessment,
-        confirmed: bool,
-        begin: float,
-    ) -> Place:
-        document = None if best is None else best.hit.document
-        return Place(
-            None if document is None else document.dataset,
-            None if document is None else document.map_id,
-            pose,
-            uncertain,
-            assessment.probability,
-            assessment.verdict,
-            assessment.reason,
-            self.state,
-            confirmed,
-            perf_counter() - begin,
-        )
+    def _place(self, assessment: Assessment, begin: float) -> Place:
+        """An answer of which no more is known than how sure it is."""
+        seconds = perf_counter() - begin
+        return Place(assessment.verdict, assessment.probability, assessment.reason, self.state, seconds)

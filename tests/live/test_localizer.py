@@ -142,11 +142,12 @@ def test_a_robot_that_is_carried_away_is_found_with_the_second_match(
     """Odometry does not tell. The first match that contradicts the last one is doubted."""
     first, far = places
     localizer = Localizer(index)
-    assert localizer.locate(first).state == "tracked"
+    tracked = [localizer.locate(first) for _ in range(2)]
+    assert [one.state for one in tracked] == ["tracked"] * 2 and [one.first for one in tracked] == [True, False]
     doubted = localizer.locate(replace(far, travel=first.travel + 1.0, pose=first.pose))
     assert (doubted.verdict, doubted.state) == ("ambiguous", "lost") and "contradicts" in doubted.reason.text
     again = localizer.locate(replace(far, travel=first.travel + 1.2, pose=first.pose))
-    assert (again.verdict, again.state) == ("match", "tracked")
+    assert (again.verdict, again.state, again.first) == ("match", "tracked", True)
     assert again.pose is not None and np.allclose(again.pose, far.pose, atol=0.2)
 
 
@@ -159,7 +160,7 @@ def test_where_scans_show_that_it_was_carried_away_the_first_match_counts(
     nothing = replace(first, text=type(first.text).of([], [], []))
     assert localizer.locate(nothing, continuity=noticed).state == "lost"
     found = localizer.locate(replace(far, travel=first.travel + 5.2, pose=first.pose), continuity=noticed)
-    assert (found.verdict, found.state) == ("match", "tracked")
+    assert (found.verdict, found.state, found.first) == ("match", "tracked", True)
 
 
 def test_an_earlier_match_says_nothing_across_a_scan_that_hardly_fitted() -> None:

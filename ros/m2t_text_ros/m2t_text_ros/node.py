@@ -223,9 +223,7 @@ class LocalizerNode(LifecycleNode):
         located = self._locate()
         if located is None:
             return
-        lost = self._last is not None and self._last.place.state != "tracked"
-        first = self._last is None or lost
-        self._publish(located, self._wanted or (self._set.initialpose == "on_match" and first))
+        self._publish(located, self._wanted)
         self._last = located
 
     def _locate(self) -> Located | None:
@@ -258,6 +256,7 @@ class LocalizerNode(LifecycleNode):
                 ]
             )
         )
+        initial = initial or (self._set.initialpose == "on_match" and place.first)
         if place.verdict == "match" and initial and self._set.initialpose != "never":
             self._initial.publish(message)
             self._wanted = False

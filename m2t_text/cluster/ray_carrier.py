@@ -22,6 +22,7 @@ AVOIDED = 30.0  # s for which a server that failed is asked after the others
 HELD = 10_000  # searches and shards
 PARTIAL = 8.0  # s after which an answer is given without the others, where that is allowed
 RETRY = 0.2  # s between two rounds, where all servers of a shard have failed
+FRESH = 0.2  # s for which it stands what the keeper said
 KEEPER_SECONDS = 5.0  # for the keeper to say who serves what
 
 
@@ -50,6 +51,7 @@ class RayCarrier:
         self._ray, self._address = ray, address
         self._handles: dict[str, Any] = {}
         self._served: Served | None = None
+        self._heard = -FRESH  # when the keeper said that
         self._holders: OrderedDict[tuple[str, int], str] = OrderedDict()  # of searches that were begun
         self._failed: dict[str, float] = {}  # when a server failed, or took too long
         self._lock = threading.Lock()
@@ -59,11 +61,15 @@ class RayCarrier:
         return self.served().manifest
 
     def served(self) -> Served:
-        """What is served; if the keeper is silent, what it said last: whole, but maybe not the latest."""
+        """What is served; a moment ago, or if the keeper is silent, what it said last: whole, but maybe
+        not the latest."""
+        if self._served is not None and monotonic() - self._heard < FRESH:
+            return self._served
         version = -1 if self._served is None else self._served.version
         try:
             reference = self._handle(KEEPER).served.remote(version)
             self._served = self._ray.get(reference, timeout=KEEPER_SECONDS) or self._served
+            self._heard = monotonic()
         except self._ray.exceptions.RayError as error:
             self._handles.pop(KEEPER, None)
             if self._served is None:

@@ -132,4 +132,5 @@ class ShardServer:
             whole,
             search.least,
             search.wanted,
+            len(self._manifests[generation].shards),
         )

@@ -378,19 +378,20 @@ class MapIndex:
         whole: "Statistics | None" = None,
         least: float = 0.0,
         wanted: Callable[[Hit], bool] | None = None,
+        parts: int = 1,
     ) -> Ranking:
         """A `search` in two steps, so that several indexes can be searched as one; see `hits`.
 
         Args:
             text, top, exclude, method, filter, least, wanted: as for `search`.
-            whole: what words are weighted by, if this index is a part of a larger whole.
+            whole: what words are weighted by, if this index is a part of a larger whole, of so many ``parts``.
         """
         model = self.model(method)
         query = self.parse(filter) if isinstance(filter, str) else filter
         with self._reading() as snapshot:
             allowed = self._allowed(snapshot, exclude, query)
             chosen = None if wanted is None else partial(self._wanted, wanted)
-            return snapshot.ranking(text, model, top, allowed, whole, least, chosen, self._recent)
+            return snapshot.ranking(text, model, top, allowed, whole, least, chosen, self._recent, parts)
 
     def hits(self, ranking: Ranking, top: int, texts: bool = False, floor: float = 0.0) -> list[Hit]:
         """What a search ends with, in the order of scores, then of map ids; none with a score below the floor.

@@ -143,12 +143,13 @@ class Ranking:
         least: float = 0.0,
         wanted: "Wanted | None" = None,
         recent: "Recent | None" = None,
+        parts: int = 1,
     ) -> None:
         """``documents`` of each segment may be found; ``top`` of them are looked for, 0 for all. With a ``top``
         only those count whose score reaches ``least`` and that are ``wanted``. What ``recent`` searches found
-        is looked at first."""
+        is looked at first; this state is one of so many ``parts`` that are searched together."""
         self._segments, self._documents, self._top_k, self._top = segments, documents, top_k, top
-        self._least, self._wanted, self._recent = least, wanted, recent
+        self._least, self._wanted, self._recent, self._parts = least, wanted, recent, parts
 
     def __enter__(self) -> "Ranking":
         return self
@@ -165,11 +166,8 @@ class Ranking:
         wanted, likely = self._wanted, None
         if self._recent is not None:
             likely = self._recent.places(self._segments, self._documents)
-        if wanted is None:
-            return self._top_k.promising(self._top, self._least, None, likely)
-        return self._top_k.promising(
-            self._top, self._least, lambda found, scores: wanted(self._addresses(found), scores), likely
-        )
+        chosen = None if wanted is None else lambda found, scores: wanted(self._addresses(found), scores)
+        return self._top_k.promising(self._top, self._least, chosen, likely, self._parts)
 
     def begin(self) -> tuple[NDArray[np.float64], bool]:
         """(K,) the best scores among the maps that promise most, in any order, as many as wanted at most; and
@@ -283,6 +281,7 @@ class Snapshot:
         least: float = 0.0,
         wanted: "Wanted | None" = None,
         recent: "Recent | None" = None,
+        parts: int = 1,
     ) -> "Ranking":
         """A search among the ``allowed`` (D,) of segments; words are weighted by what is known of a ``whole``,
         of which these maps are a part, or of them alone. See `Ranking`."""
@@ -292,7 +291,7 @@ class Snapshot:
         scorer = model.text_scorer(text, self._collection(whole))
         names = [segment.name for segment in self.segments]
         top_k = TopK(scorer, dict(zip(names, documents, strict=True)))
-        return Ranking(self.segments, documents, top_k, top, least, wanted, recent)
+        return Ranking(self.segments, documents, top_k, top, least, wanted, recent, parts)
 
     def _collection(self, whole: Statistics | None) -> Collection:
         """The texts, which keep their weights as long as those of the same whole are asked for."""

@@ -16,7 +16,7 @@ Documents = NDArray[np.int64]
 Part = TypeVar("Part")
 Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 
-SHARES = 32  # parts for each thread, so that all of them end together; but
+SHARES = 8  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
 SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is needed,
@@ -63,6 +63,7 @@ class Promising:
         top: how many documents are looked for.
         floor: a score that those reach.
         wanted: which documents count; all if None.
+        tried: how many of those that promise most are scored in a step.
         done: (K,) the places of documents that were scored.
         guesses: (K,) of their scores, from before.
         scores: of them.
@@ -73,6 +74,7 @@ class Promising:
     top: int
     floor: float
     wanted: Wanted | None
+    tried: int
     done: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     guesses: Floats = field(default_factory=lambda: np.zeros(0))
     scores: Scores = field(default_factory=lambda: Scores.none(0))
@@ -138,15 +140,21 @@ class TopK:
         least: float = 0.0,
         wanted: Wanted | None = None,
         likely: NDArray[np.int64] | None = None,
+        parts: int = 1,
     ) -> Promising:
         """The first step of `best`: scores the documents that promise most, of all or, if they are many, of a
-        sample and of the ``likely`` places. What its best reach, others have to reach as well."""
-        found, every = Promising(top, least, wanted), np.arange(len(self._documents))
+        sample and of the ``likely`` places. What its best reach, others have to reach as well.
+
+        Where these documents are one of several parts of a whole, fewer of each are looked at and scored.
+        """
+        found = Promising(top, least, wanted, -(-2 * top // parts))
+        every = np.arange(len(self._documents))
         if not self._sieves:
             return self._scored(found, every)
         for size in SAMPLES:
-            sample = every[:: -(-len(every) // size)]
-            if len(found.done) and len(sample) >= WORTH * len(every) * self._share(every, found.last):
+            sample = every[:: -(-len(every) * parts // size)]
+            needed = max(least, _last(found.scores, -(-top // parts)))  # of the whole
+            if len(found.done) and len(sample) >= WORTH * len(every) * self._share(every, needed):
                 break
             found = self._climbed(found, sample if likely is None else np.union1d(sample, likely))
         return replace(found, every=None, estimate=None)
@@ -231,7 +239,7 @@ class TopK:
 
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""
-        best = found.done[_largest(found.scores.score, found.top)]
+        best = found.done[_largest(found.scores.score, -(-found.tried // 2))]
         places = np.unique(best[:, None] + np.arange(-AROUND, AROUND + 1))
         inside = places[(places >= 0) & (places < len(self._documents))]
         return np.setdiff1d(inside, found.done, assume_unique=True)
@@ -240,7 +248,7 @@ class TopK:
         """What is known once those that promise most of ascending places are scored, too."""
         estimate = _joined(self._each(self._scorer.estimate, places))
         others = np.flatnonzero(np.isin(places, found.done, invert=True))
-        best = _largest(np.append(found.guesses, estimate[others]), 2 * found.top) - len(found.done)
+        best = _largest(np.append(found.guesses, estimate[others]), found.tried) - len(found.done)
         chosen = others[np.sort(best[best >= 0])]
         scores = self._counted(places[chosen], found.floor, found.wanted)
         return replace(

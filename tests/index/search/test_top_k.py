@@ -226,9 +226,9 @@ def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp
     looked: list[int] = []
     original = top_k.TopK.promising
 
-    def promising(self, top, least, wanted, likely):
+    def promising(self, top, least, wanted, likely, parts):
         looked.append(-1 if likely is None else len(likely))
-        return original(self, top, least, wanted, likely)
+        return original(self, top, least, wanted, likely, parts)
 
     monkeypatch.setattr(top_k.TopK, "promising", promising)
     expected = [index.search(text, 5, exclude=("a", 9.0, 8.0)) for text in texts]

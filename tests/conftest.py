@@ -21,6 +21,16 @@ settings.load_profile("same")
 RADISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "radish"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def compiled() -> None:
+    """Compiles what was not compiled on this machine, so that no command of a test says that it does."""
+    from m2t_text.util.compiled import Group, missing
+    from m2t_text.warming import warm
+
+    if missing(Group):
+        warm(missing(Group))
+
+
 @pytest.fixture(scope="session")
 def radish() -> Path:
     """The folder of the real laser logs; without it the test is skipped, but fails where CI is set."""

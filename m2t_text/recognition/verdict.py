@@ -36,8 +36,8 @@ class Coefficients:
 
 
 # Printed by `make calibrate`, rounded.
-WITH_FREE = Coefficients(6.2, 7.9, -23.5, -0.065, -12.5, 0.76)
-WITHOUT_FREE = Coefficients(8.6, 7.7, 0.0, 0.0, -15.8, 0.94)  # where a text does not tell what is free
+WITH_FREE = Coefficients(5.91, 7.27, -20.21, -0.06, -12.47, 0.76)
+WITHOUT_FREE = Coefficients(8.68, 7.29, 0.0, 0.0, -15.68, 0.87)  # where a text does not tell what is free
 HOPELESS = -4.0  # odds by itself, on a logarithmic scale, below which nothing fits however much was seen
 
 

@@ -2,14 +2,14 @@
 
 Logs with corrected poses and simulated buildings are looked up (`lookups.py`), which takes minutes and is kept
 in a folder; then the coefficients are fitted (`fitting.py`) in seconds. Each building is judged by coefficients
-that were fitted on all others. Those of all are printed beside those in force, which are the same but for
-rounding.
+that were fitted on all others, and then by those in force. What is fitted on all is printed beside those, which
+it is, rounded, for the five logs of the Radish repository with corrected poses.
 
 `RAW=CORRECTED` names a log without corrected poses, and one that holds some of its scans and has them.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, fields
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from calibration_sources import all_lookups, all_sequences
 from fitting import Answers, answers, fitted_agreement, fitted_evidence, fitted_verdict, odds
-from lookups import KINDS, NEVER, VISITED, Lookups
+from lookups import IN_MAP, KINDS, NEVER, VISITED, Lookups
 from scipy.special import expit
 
 from m2t_text.recognition import fit, verdict
@@ -57,14 +57,31 @@ def shares(judged: Sequence[tuple[Answers, Floats]]) -> str:
     return f"{first:6.1f} {precision:6.1f} {found:6.1f}  " + " ".join(f"{text:>8}" for text in wrong)
 
 
-def print_held_out(found: Sequence[Lookups], free: bool) -> None:
-    print(f"\nJudged by coefficients of other buildings, {'with' if free else 'without'} free squares")
+def share_in_map(judged: Sequence[tuple[Answers, Floats]]) -> str:
+    """How many of a source's runs in a saved map get a right `match`."""
+    kind, right = (np.concatenate([getattr(one, name) for one, _ in judged]) for name in ("kind", "right"))
+    sure = np.concatenate([value for _, value in judged]) >= np.log(SURE / (1 - SURE))
+    runs = kind == IN_MAP
+    return (
+        f"  {100 * (sure & right & runs).sum() / runs.sum():.1f} % found in a saved map" if runs.any() else ""
+    )
+
+
+def by_those_in_force(found: Sequence[Lookups], free: bool) -> Iterator[tuple[Lookups, Answers, Floats]]:
+    """Each source's answers, and their odds by the coefficients in force."""
+    for one in found:
+        judged = answers(one, np.array(EVIDENCE_IN_FORCE), free)
+        yield one, judged, odds(verdict.WITH_FREE if free else verdict.WITHOUT_FREE, judged)
+
+
+def print_judged(title: str, found: Iterable[tuple[Lookups, Answers, Floats]], free: bool) -> None:
+    print(f"\nJudged by coefficients {title}, {'with' if free else 'without'} free squares")
     print(f"{'':24} {'first':>6} {'match':>6} {'found':>6}  wrong `match` of {', '.join(KINDS)}")
     judged: dict[str, list[tuple[Answers, Floats]]] = {}
-    for one, answered, value in held_out(found, free):
+    for one, answered, value in found:
         judged.setdefault(one.name, []).append((answered, value))
     for name, some in judged.items():
-        print(f"{name:24} {shares(some)}")
+        print(f"{name:24} {shares(some)}{share_in_map(some)}")
     right = np.concatenate([one.right for some in judged.values() for one, _ in some])
     chance = expit(np.concatenate([value for some in judged.values() for _, value in some]))
     print("\nprobability    answers  right, %")
@@ -108,8 +125,9 @@ def main() -> None:
     )
     options = parser.parse_args()
     found = list(all_lookups(options.logs, options.simulated, options.queries, options.keep))
-    print_held_out(found, free=True)
-    print_held_out(found, free=False)
+    for free in (True, False):
+        print_judged("of other buildings", held_out(found, free), free)
+        print_judged("in force", by_those_in_force(found, free), free)
     print("\nEvidence")
     print_table(
         ("ln seen", "inliers", "conflicts", "distance"), fitted_evidence(found).tolist(), EVIDENCE_IN_FORCE

@@ -84,8 +84,17 @@ def looked_up(queries: int, each: int, evidence: np.ndarray, seed: int = 0) -> L
 
 
 def test_the_fit_finds_the_evidence_by_which_alignments_are_right() -> None:
+    """Up to a factor: the verdict has one for the lead."""
     true = np.array([2.0, 15.0, -30.0, -20.0])
-    assert fitted_evidence([looked_up(4000, 8, true)]) == pytest.approx(true, rel=0.15)
+    found = fitted_evidence([looked_up(4000, 8, true)])
+    assert found / np.abs(found).sum() == pytest.approx(true / np.abs(true).sum(), rel=0.15)
+
+
+def test_queries_with_hopeless_alignments_do_not_rule() -> None:
+    true = np.array([2.0, 15.0, -30.0, -20.0])
+    odd = looked_up(400, 8, -3 * true, seed=1)  # weighs as much; its worst alignments are right
+    found = fitted_evidence([looked_up(4000, 8, true), replace(odd, name="odd")])
+    assert found / np.abs(found).sum() == pytest.approx(true / np.abs(true).sum(), rel=0.25)
 
 
 def test_the_best_answer_and_its_lead_are_those_of_a_plain_search() -> None:

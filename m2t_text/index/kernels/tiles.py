@@ -22,7 +22,6 @@ from m2t_text.index.kernels.wide import (
     WORDS,
     added,
     byte_of,
-    bytes_at,
     every_byte,
     lowest,
     no_words,
@@ -90,14 +89,15 @@ class TileTables(NamedTuple):
 
     Attributes:
         size: number of the query's keypoints.
-        missed: (G, SIDE², LANES) uint8, 255 where a map's keypoints in a tile lie near none of the query's.
+        missed: (G, SIDE²) uint64, a bit for each lane: whether a map's keypoints in a tile lie near none of the
+            query's.
         counts: (G, LANES, B, WORDS) uint64 keypoints of the query that lie near one of the map's if the bit of
             a tile is set: one bit of each number after the other, the lowest first.
         beyond: (G, LANES) int64 those for which no bit is kept.
     """
 
     size: int
-    missed: NDArray[np.uint8]
+    missed: NDArray[np.uint64]
     counts: NDArray[np.uint64]
     beyond: NDArray[np.int64]
 
@@ -114,8 +114,8 @@ class TileTables(NamedTuple):
         return cls(len(seen.wa), missed, _bits(counts), beyond)
 
 
-def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-    """``missed`` (SIDE², LANES) of up to VIEWS views (V, Q), and (LANES, SIDE²) numbers that are the counts."""
+def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint64], NDArray[np.int32]]:
+    """``missed`` (SIDE²,) of up to VIEWS views (V, Q), and (LANES, SIDE²) numbers that are the counts."""
     reach = SIDE + GROUPS - 1  # tiles that any group takes into the grid, from `low` on
     low = -MIDDLE - (GROUPS - 1) + BEFORE
     near = np.zeros((VIEWS, reach, reach), np.bool_)
@@ -134,7 +134,8 @@ def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint
             a_, b_ = a - low, b - low
             inside = near_to & (a_ >= 0) & (a_ < reach) & (b_ >= 0) & (b_ < reach)
             near[number[inside], a_[inside], b_[inside]] = True
-    return np.where(_by_group(near), np.uint8(0), np.uint8(255)).T.copy(), _by_group(count)
+    bits = np.packbits(~_by_group(near).T.copy(), axis=-1, bitorder="little")
+    return np.ascontiguousarray(bits).view("<u8")[:, 0].astype(np.uint64, copy=False), _by_group(count)
 
 
 def _bits(counts: NDArray[np.int32]) -> NDArray[np.uint64]:
@@ -259,7 +260,7 @@ def _group_may_reach(
         while place < stop:
             entry = U(entries[place])
             keypoints = every_byte(((entry & U(63)) + U(1)) >> shift)
-            missed = added(missed, keypoints & bytes_at(table, entry >> U(6)))
+            missed = added(missed, keypoints, table[entry >> U(6)])
             place += U(1)
         lanes = up_to(missed, limit)
     counts, beyond, cover = tables.counts[g], tables.beyond[g], words_at(tiles.cover, U(document))

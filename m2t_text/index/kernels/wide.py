@@ -3,13 +3,12 @@
 A byte is for one way to lay a query on a map: LANES of them are tried together. Words are rows of bits.
 """
 
-import operator
 from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+from numba.extending import intrinsic, models, register_model
 
 LANES = 64
 WORDS = 16  # of a row of bits
@@ -46,28 +45,6 @@ class _Words(models.PrimitiveModel):
         super().__init__(manager, kind, ROW)
 
 
-@type_callable(operator.and_)
-def _and_typed(context: Any) -> Any:
-    return lambda a, b: wide_bytes if a is wide_bytes and b is wide_bytes else None
-
-
-@lower_builtin(operator.and_, WideBytes, WideBytes)
-def _and(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return builder.and_(*arguments)
-
-
-@intrinsic
-def bytes_at(typing: Any, array: Any, row: Any) -> Any:
-    """A row of a C-contiguous (N, LANES) uint8 array."""
-
-    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        pointer = builder.gep(data, [builder.mul(arguments[1], WORD(LANES))])
-        return builder.load(builder.bitcast(pointer, BYTES.as_pointer()), align=1)
-
-    return wide_bytes(array, types.uint64), load
-
-
 def _spread(builder: Any, value: Any) -> Any:
     first = builder.insert_element(
         ir.Constant(BYTES, ir.Undefined), builder.trunc(value, BYTE), ir.IntType(32)(0)
@@ -87,15 +64,18 @@ def every_byte(typing: Any, value: Any) -> Any:
 
 
 @intrinsic
-def added(typing: Any, a: Any, b: Any) -> Any:
-    """The sum of two bytes in each lane, 255 if it is more."""
+def added(typing: Any, a: Any, b: Any, lanes: Any) -> Any:
+    """The sum of two bytes in each lane whose bit is set, 255 if it is more; the first one in the others."""
 
     def add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        total = builder.add(*arguments)
-        over = builder.icmp_unsigned("<", total, arguments[0])
+        a, b, lanes = arguments
+        chosen = builder.bitcast(lanes, ir.VectorType(ir.IntType(1), LANES))
+        b = builder.select(chosen, b, ir.Constant(BYTES, [0] * LANES))
+        total = builder.add(a, b)
+        over = builder.icmp_unsigned("<", total, a)
         return builder.select(over, ir.Constant(BYTES, [255] * LANES), total)
 
-    return wide_bytes(wide_bytes, wide_bytes), add
+    return wide_bytes(wide_bytes, wide_bytes, types.uint64), add
 
 
 @intrinsic

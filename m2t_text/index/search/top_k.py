@@ -20,10 +20,8 @@ SHARES = 8  # parts for each thread, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
 SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is needed,
-AROUND = 32  # and of those on either side of the best, which one drive has often made of one place,
-ROUNDS = 2  # as often as this; the second sample only if it has fewer documents than
-WORTH = 4  # times as many as would pass the sieve after the first,
-FEW = 1024  # of which so many are looked at to see that
+AROUND = 32  # and of those on either side of the best, which one drive has often made of one place; the second
+FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
 
@@ -154,9 +152,10 @@ class TopK:
         for size in SAMPLES:
             sample = every[:: -(-len(every) * parts // size)]
             needed = max(least, _last(found.scores, -(-top // parts)))  # of the whole
-            if len(found.done) and len(sample) >= WORTH * len(every) * self._share(every, needed):
+            if len(found.done) and len(sample) >= len(every) * self._share(every, needed):
                 break
-            found = self._climbed(found, sample if likely is None else np.union1d(sample, likely))
+            found = self._scored(found, sample if likely is None else np.union1d(sample, likely))
+            found = self._scored(found, self._around(found))
         return replace(found, every=None, estimate=None)
 
     def narrowed(self, promising: Promising, floor: float = 0.0) -> Promising:
@@ -228,14 +227,6 @@ class TopK:
         hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
         hopeful = hopeful[_descending(bounds[hopeful])]
         return every[hopeful], bounds[hopeful]
-
-    def _climbed(self, found: Promising, places: NDArray[np.int64]) -> Promising:
-        """What is known once those that promise most of ascending places are scored, and then of those around
-        the best."""
-        found = self._scored(found, places)
-        for _ in range(ROUNDS):
-            found = self._scored(found, self._around(found))
-        return found
 
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""

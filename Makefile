@@ -77,7 +77,8 @@ $(VENV)-ros/.installed: pyproject.toml
 		|| echo 'the wheels of rclpy cannot be installed here'
 	@touch $@
 
-# LIVE_PARTS=followed,carried,latency,idle,memory picks parts, LOGS="a.log b.log" logs with corrected poses.
+# LIVE_PARTS=followed,carried,latency,idle,memory picks parts, LOGS="a.log b.log" logs with corrected poses,
+# LIVE_SEED=1 other places to which the robot is carried.
 live-bench: $(VENV)/.installed  ## live answers: how right, how soon, how much memory
 	$(BIN)/python tests/benchmarks/live_bench.py $(LOGS)
 

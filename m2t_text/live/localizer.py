@@ -122,7 +122,7 @@ class Localizer:
         """Whether it is known where the robot is; see `Place`."""
         if self._match is None:
             return "unknown"
-        lost = self._suspect is not None or self._match.travel[1] < self._continuity.carried
+        lost = self._suspect is not None or self._match.travel[1] <= self._continuity.carried
         return "lost" if lost else "tracked"
 
     def _weighed(self, answer: Answer, best: Found) -> Answer:
@@ -157,12 +157,12 @@ class Localizer:
 
     def _linked(self, earlier: Answer) -> bool:
         """Whether it is sure how the robot came from where it was at an earlier answer."""
-        return bool(earlier.travel[1] >= self._continuity.doubtful)
+        return bool(earlier.travel[1] > self._continuity.doubtful)
 
     def _led(self, answer: Answer) -> bool | None:
         """Whether the last match and the drive since then lead to the best; None where they lead nowhere."""
         match = self._match
-        if match is None or match.travel[1] < self._continuity.carried:
+        if match is None or match.travel[1] <= self._continuity.carried:  # it may have stood
             return None
         if not 0 <= answer.travel[1] - match.travel[1] <= REMEMBERED_TRAVEL:
             return None

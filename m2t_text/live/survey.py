@@ -157,7 +157,7 @@ class LiveSurvey:
 
     @property
     def _first(self) -> int:
-        """The first of the kept scans that hang together with the last one."""
+        """Which of the kept scans is the first that hangs together with the last one."""
         return next(k for k, one in enumerate(self._kept) if one.number >= self._whole_from)
 
     def _forget(self) -> None:

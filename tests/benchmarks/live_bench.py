@@ -5,6 +5,7 @@ elsewhere is found, how long an answer takes in a saved map, what a scan costs w
 memory grows. The ground truth judges, and is not read by what answers.
 
     LIVE_PARTS=followed,carried,latency,idle,memory python tests/benchmarks/live_bench.py [LOG...]
+    LIVE_PARTS=carried LIVE_SEED=1 python tests/benchmarks/live_bench.py [LOG...]     cut at other places
 """
 
 import os
@@ -35,6 +36,7 @@ PARTS = os.environ.get("LIVE_PARTS", "followed,carried,latency,idle,memory").spl
 EVERY = 2.0  # m of travel from one request to the next; in a robot that was carried elsewhere half of it
 RIGHT = (1.0, np.radians(10.0))  # m and rad within which a pose is right
 NEAR = 1.0  # m between the centres of a run and of a map of its place
+SEED = int(os.environ.get("LIVE_SEED", "0"))
 CUTS = 20  # places to which the drive is carried,
 BEFORE, AFTER, KNOWN = 8.0, 25.0, 5.0  # m driven before and after, and after it in a place that the map shows
 SCANS = int(os.environ.get("LIVE_SCANS", "100000"))
@@ -173,7 +175,7 @@ def carried_away(known: Known) -> None:
 
     It goes on where the map shows the place, as a robot cannot be found elsewhere.
     """
-    second, rng = known.second, np.random.default_rng(0)
+    second, rng = known.second, np.random.default_rng(SEED)
     way = travel(second.odometry)
     shown = [(way[run.first_scan], known.shows(run)) for _, _, run in requests(second, 0.5)]
     begins = [at for at, _ in shown if all(good for one, good in shown if at <= one <= at + KNOWN)]

@@ -155,7 +155,7 @@ def test_where_scans_show_that_it_was_carried_away_the_first_match_counts(
     index: MapIndex, places: tuple[Document, Document]
 ) -> None:
     first, far = places
-    localizer, noticed = Localizer(index), Continuity(carried=first.travel[1] + 0.1)
+    localizer, noticed = Localizer(index), Continuity(carried=first.travel[1])  # while it stood
     localizer.locate(first)
     nothing = replace(first, text=type(first.text).of([], [], []))
     assert localizer.locate(nothing, continuity=noticed).state == "lost"
@@ -173,7 +173,7 @@ def test_an_earlier_match_says_nothing_across_a_scan_that_hardly_fitted() -> Non
     localizer._follow(replace(answer(5.0, (5.0, 0.0, 30.0)), assessment=sure))
     later = answer(7.0, (7.0, 0.0, 30.0), (50.0, 0.0, 30.0))
     assert localizer._weighed(later, best).assessment.verdict == "match"
-    for doubtful, verdict in ((5.0, "match"), (5.5, "ambiguous")):
+    for doubtful, verdict in ((4.9, "match"), (5.0, "ambiguous")):
         localizer._continuity = Continuity(doubtful=doubtful)
         assert localizer._weighed(later, best).assessment.verdict == verdict
 

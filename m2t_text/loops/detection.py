@@ -48,7 +48,7 @@ class LoopDetection:
 
     @property
     def matches(self) -> int:
-        """How many queries had the verdict ``match``."""
+        """How many queries had a likely match."""
         return len(self.loops) + len(self.refused) + len(self.waiting)
 
 

@@ -1,4 +1,4 @@
-"""Maps of a drive looked up among earlier ones: each `match` is a candidate for a loop."""
+"""Maps of a drive looked up among earlier ones: what is likely the same place is a candidate for a loop."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -21,11 +21,12 @@ from m2t_text.util.workers import mapped
 
 MIN_TRAVEL_APART = 10.0  # m of travel between the middles of two maps of one drive, at least: another visit
 QUERY_SPACING = 1.0  # m of travel from one query to the next
+LIKELY = 0.8  # probability of a candidate: the drive and the other loops have to agree with it as well
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A query whose best hit has the verdict `match`; it may be wrong.
+    """A query whose best hit is LIKELY the place; it may be wrong.
 
     Attributes:
         query: the map that was looked up.
@@ -48,7 +49,7 @@ def is_query(document: Document, last: Document | None) -> bool:
 def look_up(
     path: Path, queries: Sequence[Document], jobs: int = 1, progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Candidate | None]:
-    """The match of each query in the index in a folder, or None, in the order of the queries.
+    """The likely match of each query in the index in a folder, or None, in the order of the queries.
 
     Of the query's own dataset, maps count that lie more than MIN_TRAVEL_APART behind it, and none ahead.
     """
@@ -63,9 +64,9 @@ def _searcher(path: Path) -> Callable[[Document], Candidate | None]:
 
 
 def look_up_one(index: MapIndex, query: Document) -> Candidate | None:
-    """The match of a query in an index; None if there is none. See `look_up`."""
+    """The likely match of a query in an index; None if there is none. See `look_up`."""
     finding = find(index, Sought(query.text, query), top=1, filter=known_before(query))
-    if finding.verdict != "match":
+    if (finding.assessment.probability or 0.0) < LIKELY:
         return None
     best = finding.results[0]
     found, alignment = index.document(best.hit.map_id), best.alignment

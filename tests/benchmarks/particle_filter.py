@@ -24,7 +24,7 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from m2t_text import PROFILES, LiveSurvey, Localizer, Log, MapIndex, read_log, write_carmen
-from m2t_text.mapping.local_map import LocalMap, local_maps, run_starts
+from m2t_text.mapping.local_map import local_maps, run_starts
 from m2t_text.mapping.trajectory import survey
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, Grid
 from m2t_text.saved_maps.occupancy_mapping import build_map
@@ -163,15 +163,11 @@ def found_by_text(grid: Grid, chosen: list[Start], folder: Path) -> Iterator[Out
         survey, log = LiveSurvey(PARAMETERS, start.run.laser_pose), start.run
         for scan in log.scans:
             survey.add(scan)
-        place = Localizer(index).locate(_last(survey), survey.pose)
+        run = survey.last_run() or (survey.last_run(survey.driven) if survey.driven else None)
+        place = Localizer(index).locate(run, survey.pose) if run else None  # none if just carried elsewhere
         taken = time.process_time() - processor, time.perf_counter() - wall
-        yield Outcome(error(place.pose, start.truth), *taken, match=place.verdict == "match")
-
-
-def _last(survey: LiveSurvey) -> LocalMap:
-    run = survey.last_run() or survey.last_run(survey.driven)
-    assert run is not None
-    return run
+        pose, match = (None, False) if place is None else (place.pose, place.verdict == "match")
+        yield Outcome(error(pose, start.truth), *taken, match=match)
 
 
 def found_by_filter(grid: Grid, chosen: list[Start], folder: Path) -> Iterator[Outcome]:

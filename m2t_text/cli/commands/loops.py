@@ -45,8 +45,8 @@ def loops(
     """Find where a drive comes back to places, as the loop edges of a pose graph.
 
     The log is read in the order of time, and each place is looked up among those that the robot had left
-    before. Only a `match` that neither the trajectory nor another loop contradicts becomes an edge. With an
-    index, places of other drives count too, and its own past as far as the index holds it.
+    before. Only a likely match becomes an edge, and only if neither the trajectory nor another loop contradicts
+    it. With an index, places of other drives count too, and its own past as far as the index holds it.
 
     [bold]Examples[/bold]
 
@@ -109,7 +109,7 @@ def _print(detection: "LoopDetection") -> None:
     log, travelled = detection.log, detection.survey.way[-1]
     print_lines(
         f"{log.name}: {len(log.scans):,} scans, {travelled:,.1f} m of travel",
-        f"{detection.queries:,} places looked up, {detection.matches:,} with the verdict `match`",
+        f"{detection.queries:,} places looked up, {detection.matches:,} with a likely match",
         f"{len(detection.loops):,} loops",
         f"{refused:,} matches refused, which contradict the trajectory or other loops",
         f"{waiting:,} matches left out, which nothing confirms",

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, CellGrid, FreeSquares
 from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import between, compose
-from m2t_text.util.types import Floats
+from m2t_text.util.types import Floats, Ints
 
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -85,23 +85,25 @@ def covering(free: CellGrid) -> FreeSquares:
 
 def _resampled(free: FreeSpace, cell: float) -> CellGrid:
     """The cells of an upright grid whose middles are free; those at its border are not."""
-    return CellGrid(*_upright(free.cells, free.pose, free.cell, cell))
+    pose, scale = np.asarray(free.pose, dtype=float), free.cell / cell
+    left, low, right, high = bounding_box(free.cells)
+    c, s = np.cos(pose[2]) * scale, np.sin(pose[2]) * scale
+    i, j = np.array([left, left, right, right]), np.array([low, high, low, high])
+    corners = np.column_stack([c * i - s * j, s * i + c * j]) + pose[:2] / cell
+    begin = np.floor(corners.min(axis=0)).astype(int) - 1
+    width, height = (np.ceil(corners.max(axis=0)).astype(int) + 1 - begin).tolist()
+    found = np.zeros((width, height), dtype=np.bool_)
+    x, y = begin.tolist()
+    _look_up(free.cells, pose, free.cell, cell, x, y, found)
+    return CellGrid(x, y, found)
 
 
 @kernel
-def _upright(cells: Mask, pose: Floats, own: float, cell: float) -> tuple[int, int, Mask]:
-    """The fields of `_resampled`, from those of what is free."""
-    left, low, right, high = bounding_box(cells)
-    c, s = np.cos(pose[2]) * own / cell, np.sin(pose[2]) * own / cell
-    corners = np.empty((4, 2))
-    for k in range(4):
-        i, j = left if k < 2 else right, low if k % 2 else high
-        corners[k] = pose[0] / cell + c * i - s * j, pose[1] / cell + s * i + c * j
-    x, y = int(np.floor(corners[:, 0].min())) - 1, int(np.floor(corners[:, 1].min())) - 1
-    width, height = int(np.ceil(corners[:, 0].max())) + 1 - x, int(np.ceil(corners[:, 1].max())) + 1 - y
-    found = np.zeros((width, height), dtype=np.bool_)
+def _look_up(cells: Mask, pose: Floats, own: float, cell: float, x: int, y: int, found: Mask) -> None:
+    """Fills in the cells of an upright grid that begins at (x, y) from those of what is free."""
+    height = found.shape[1]
     c, s = np.cos(pose[2]) * cell / own, np.sin(pose[2]) * cell / own
-    for k in range(width):
+    for k in range(found.shape[0]):
         dx, dy = x + k + 0.5 - pose[0] / cell, y + 0.5 - pose[1] / cell
         i, j = c * dx + s * dy, c * dy - s * dx  # of the first middle of the row, in the cells looked up
         first, last = _within(i, s, cells.shape[0], 0, height)
@@ -109,7 +111,6 @@ def _upright(cells: Mask, pose: Floats, own: float, cell: float) -> tuple[int, i
         row = found[k]
         for m in range(first, last):
             row[m] = cells[int(i + m * s), int(j + m * c)]
-    return x, y, found
 
 
 @kernel
@@ -140,25 +141,28 @@ def _within(begin: float, step: float, length: int, first: int, last: int) -> tu
     return max(first, int(np.ceil(least / abs(step)))), min(last, int(np.floor(most / abs(step))) + 1)
 
 
-@kernel
 def _clear_of(passed: Mask, occupied: Cells, clearance: float, rim: float) -> Mask:
     """The cells that were passed, as were all beside them, but for those near the occupied ones (N, 2).
 
     Distances are in cells, between middles: nothing is free within ``clearance``, and nothing within ``rim``
     need have been passed.
     """
-    free, told = passed.copy(), passed.copy()
+    free, told, clear = passed.copy(), passed.copy(), np.zeros(passed.shape, dtype=np.bool_)
     _mark(free, occupied, clearance, False)
     _mark(told, occupied, rim, True)
-    clear = np.zeros(passed.shape, dtype=np.bool_)
-    told_beside = np.empty(passed.shape[1], dtype=np.bool_)
-    for i in range(1, passed.shape[0] - 1):
+    _clear(free, told, np.empty(passed.shape[1], dtype=np.bool_), clear)
+    return clear
+
+
+@kernel
+def _clear(free: Mask, told: Mask, told_beside: Mask, clear: Mask) -> None:
+    """Marks the free cells that are told of, as are all beside them; ``told_beside`` is room for a row."""
+    for i in range(1, free.shape[0] - 1):
         before, here, after, row = told[i - 1], told[i], told[i + 1], free[i]
         for j in range(len(told_beside)):
             told_beside[j] = before[j] & here[j] & after[j]
         for j in range(1, len(told_beside) - 1):
             clear[i, j] = row[j] & told_beside[j - 1] & told_beside[j] & told_beside[j + 1]
-    return clear
 
 
 @kernel
@@ -174,7 +178,6 @@ def _mark(cells: Mask, middles: Cells, radius: float, mark: bool) -> None:
                     cells[i, j] = mark
 
 
-@kernel
 def _squares(cells: Mask) -> Squares:
     """The squares of `covering`.
 
@@ -182,47 +185,54 @@ def _squares(cells: Mask) -> Squares:
     rounds, each of which takes what adds at least so many cells: a little less in each round.
     """
     x, y, side = _greatest_squares(cells)
-    count = len(side)
-    adds = side * side  # at most
-    taken = np.zeros(count, dtype=np.bool_)
-    left = cells.copy()
-    wanted = float(adds.max()) if count else 0.0
-    while wanted >= MIN_NEW_CELLS:
-        wanted *= EASING
-        for k in range(count):
-            if adds[k] >= max(wanted, MIN_NEW_CELLS) and not taken[k]:
-                adds[k] = _marked(left, x[k], y[k], side[k])
-                if adds[k] >= max(wanted, MIN_NEW_CELLS):
-                    taken[k] = True
-                    left[x[k] : x[k] + side[k], y[k] : y[k] + side[k]] = False
+    if not len(side):
+        return x, y, side
+    adds, taken = side * side, np.zeros(len(side), dtype=np.bool_)  # so many cells at most
+    _take(cells.copy(), x, y, side, adds, taken, float(adds.max()))
     return x[taken], y[taken], side[taken]
 
 
 @kernel
+def _take(left: Mask, x: Ints, y: Ints, side: Ints, adds: Ints, taken: Mask, wanted: float) -> None:
+    """Takes squares that add many cells to those taken before, and unmarks these cells."""
+    while wanted >= MIN_NEW_CELLS:
+        wanted *= EASING
+        for k in range(len(side)):
+            if adds[k] >= max(wanted, MIN_NEW_CELLS) and not taken[k]:
+                adds[k] = _marked(left, x[k], y[k], side[k])
+                if adds[k] >= max(wanted, MIN_NEW_CELLS):
+                    taken[k] = True
+                    for i in range(x[k], x[k] + side[k]):
+                        for j in range(y[k], y[k] + side[k]):
+                            left[i, j] = False
+
+
 def _greatest_squares(cells: Mask) -> Squares:
     """All squares of marked cells that no larger one holds, of the least side at least, by (x, y)."""
-    width, height = cells.shape
-    sides = np.zeros((width + 1, height + 1), dtype=np.int16)  # of the greatest square with this lower corner
-    count = 0
-    for i in range(width - 1, -1, -1):
-        for j in range(height - 1, -1, -1):
+    sides = np.zeros((cells.shape[0] + 1, cells.shape[1] + 1), dtype=np.int16)
+    found = np.zeros(sides.shape, dtype=np.bool_)
+    _grow(cells, sides, found)
+    x, y = map(np.ascontiguousarray, np.nonzero(found))
+    return x, y, sides[x, y].astype(np.int64)
+
+
+@kernel
+def _grow(cells: Mask, sides: NDArray[np.int16], found: Mask) -> None:
+    """Of each cell the side of the greatest square of marked ones with this lower corner, and whether no other
+    holds it; both arrays are 0, and one cell wider and higher."""
+    for i in range(cells.shape[0] - 1, -1, -1):
+        for j in range(cells.shape[1] - 1, -1, -1):
             if cells[i, j]:
                 sides[i, j] = 1 + min(sides[i + 1, j], sides[i, j + 1], sides[i + 1, j + 1], MAX_SIDE - 1)
-                count += sides[i, j] >= MIN_SIDE
-    x, y, side = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
-    k = 0
-    for i in range(width):
-        for j in range(height):
+    for i in range(cells.shape[0]):
+        for j in range(cells.shape[1]):
             here = sides[i, j]
             held = (
                 (i > 0 and sides[i - 1, j] > here)
                 or (j > 0 and sides[i, j - 1] > here)
                 or (i > 0 and j > 0 and sides[i - 1, j - 1] > here)
             )
-            if here >= MIN_SIDE and not held:
-                x[k], y[k], side[k] = i, j, here
-                k += 1
-    return x[:k], y[:k], side[:k]
+            found[i, j] = here >= MIN_SIDE and not held
 
 
 @kernel

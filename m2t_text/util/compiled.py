@@ -29,8 +29,7 @@ class Group(StrEnum):
     @classmethod
     def of_search(cls, score: str) -> "list[Group]":
         """What a search by this score of `MatchingParameters` needs, and the verification of its hits."""
-        other = [] if score == "agreement" else [cls.INTERSECTION]
-        return [*other, cls.AGREEMENT, cls.VERIFICATION]
+        return [cls(score), cls.VERIFICATION]
 
 
 def missing(groups: Iterable[Group]) -> list[Group]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, CellGrid, FreeSquares
-from m2t_text.util.compiling import kernel
+from m2t_text.util.compiling import inner, kernel
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats, Ints
 
@@ -132,7 +132,7 @@ def bounding_box(cells: Mask) -> tuple[int, int, int, int]:
     return (left, low, right, high) if right else (0, 0, 0, 0)
 
 
-@kernel
+@inner
 def _within(begin: float, step: float, length: int, first: int, last: int) -> tuple[int, int]:
     """Of the steps from ``first`` to ``last``, those with which ``begin + j * step`` lies within 0...length."""
     least, most = (EDGE - begin, length - EDGE - begin) if step >= 0 else (begin - length + EDGE, begin - EDGE)
@@ -235,7 +235,7 @@ def _grow(cells: Mask, sides: NDArray[np.int16], found: Mask) -> None:
             found[i, j] = here >= MIN_SIDE and not held
 
 
-@kernel
+@inner
 def _marked(cells: Mask, x: int, y: int, side: int) -> int:
     """How many cells of a square are marked."""
     count = 0

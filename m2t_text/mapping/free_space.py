@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from m2t_text.description.free_cells import FreeSpace, Mask, bounding_box
 from m2t_text.description.free_squares import CellGrid
 from m2t_text.logs.log import Log, Scan
-from m2t_text.util.compiling import kernel
+from m2t_text.util.compiling import inner, kernel
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
@@ -111,34 +111,41 @@ class FreeScans:
         if scan not in self._passed:
             part, laser = slice(*self._beams.starts[scan : scan + 2]), self._lasers[scan]
             bearings, lengths = self._beams.bearings[part], self._beams.lengths[part]
-            self._passed[scan] = CellGrid(*_passed(laser, bearings, lengths, self._cell))
+            self._passed[scan] = _passed(laser, bearings, lengths, self._cell)
         return self._passed[scan]
 
 
+def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float) -> CellGrid:
+    """The cells that a scan's beams pass, in a part of the plane that holds them all."""
+    half = int(lengths.max(initial=0.0) / cell) + 2
+    low = np.floor(laser[:2] / cell).astype(int) - half
+    x, y = (laser[:2] / cell - low).tolist()
+    cells = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.bool_)
+    _walk_beams(cells, x, y, laser[2], bearings, lengths, cell)
+    left, below, right, high = bounding_box(cells)
+    return CellGrid(int(low[0]) + left, int(low[1]) + below, cells[left:right, below:high].copy())
+
+
 @kernel
-def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float) -> tuple[int, int, Mask]:
-    """The cells that a scan's beams pass: x and y of the first, and a part of the plane that holds them all.
+def _walk_beams(
+    cells: Mask, x: float, y: float, direction: float, bearings: Floats, lengths: Floats, cell: float
+) -> None:
+    """Marks the cells that beams from (x, y) pass, in cells.
 
     Where neighbouring beams are one to GAP cells apart, one between them is thought to pass as far as both.
     """
-    half = 1 if len(lengths) == 0 else int(lengths.max() / cell) + 2
-    low_x, low_y = int(np.floor(laser[0] / cell)) - half, int(np.floor(laser[1] / cell)) - half
-    x, y = laser[0] / cell - low_x, laser[1] / cell - low_y
-    cells = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.bool_)
     before, bearing_before = 0.0, 0.0
     for k in range(len(bearings)):
-        length, bearing = lengths[k] / cell, bearings[k] + laser[2]
+        length, bearing = lengths[k] / cell, bearings[k] + direction
         _walk(cells, x, y, bearing, 0.0, length)
         gap = abs(bearing - bearing_before)
         if before > 0 and gap > 0:
             end = min(length, before, GAP / gap)
             _walk(cells, x, y, (bearing + bearing_before) / 2, 1 / gap, end)
         before, bearing_before = length, bearing
-    left, low, right, high = bounding_box(cells)
-    return low_x + left, low_y + low, cells[left:right, low:high].copy()
 
 
-@kernel
+@inner
 def _walk(cells: Mask, x: float, y: float, bearing: float, begin: float, end: float) -> None:
     """Marks the cells at every step of one cell along a beam."""
     c, s = np.cos(bearing), np.sin(bearing)

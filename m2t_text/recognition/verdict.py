@@ -18,7 +18,7 @@ from m2t_text.recognition.fit import Fit
 Verdict = Literal["match", "ambiguous", "none"]
 Code = Literal["fits", "elsewhere", "turned", "slides", "conflict", "misfit", "little", "nothing", "unverified"]
 
-SURE = 0.9  # probability from which an answer is a `match`; of those in logs left out, 99.6 % were right
+SURE = 0.9  # probability from which an answer is a `match`; of those in logs left out, 99.7 % were right
 FURTHEST = 9.0  # of the evidence by which the best rival may be behind; more says no more
 LEAST_ODDS = -500.0  # on a logarithmic scale; less is no number any more
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +49,17 @@ class KeyScans:
 
         A scan that looks back sees the same from elsewhere.
         """
+        return compose(poses, self._middles)[:, :2]
+
+    @cached_property
+    def _middles(self) -> Floats:
+        """(K, 3) the same in the frame of each."""
         middles = np.zeros((len(self), 3))
         for k, cloud in enumerate(self.clouds):
             near = cloud.points[np.hypot(cloud.points[:, 0], cloud.points[:, 1]) < VIEW]
             if len(near):
                 middles[k, :2] = near.mean(axis=0)
-        return compose(poses, middles)[:, :2]
+        return middles
 
     def submap(self, middle: int, poses: Floats) -> ScanCloud:
         """What was seen shortly before and after a key scan, in its frame, all at ``poses`` (K, 3)."""

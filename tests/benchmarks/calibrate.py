@@ -54,17 +54,11 @@ def shares(judged: Sequence[tuple[Answers, Floats]]) -> str:
     precision = 100 * count / max((match & ((kind == VISITED) | (kind == NEVER))).sum(), 1)
     wrong = [f"{(match & ~right & (kind == k)).sum()}/{(kind == k).sum()}" for k in range(len(KINDS))]
     found, first = (100 * n / max(visited.sum(), 1) for n in (count, (right & visited).sum()))
-    return f"{first:6.1f} {precision:6.1f} {found:6.1f}  " + " ".join(f"{text:>8}" for text in wrong)
-
-
-def share_in_map(judged: Sequence[tuple[Answers, Floats]]) -> str:
-    """How many of a source's runs in a saved map get a right `match`."""
-    kind, right = (np.concatenate([getattr(one, name) for one, _ in judged]) for name in ("kind", "right"))
-    sure = np.concatenate([value for _, value in judged]) >= np.log(SURE / (1 - SURE))
     runs = kind == IN_MAP
-    return (
-        f"  {100 * (sure & right & runs).sum() / runs.sum():.1f} % found in a saved map" if runs.any() else ""
+    told = (
+        f"  {100 * (match & right & runs).sum() / runs.sum():.1f} % found in a saved map" if runs.any() else ""
     )
+    return f"{first:6.1f} {precision:6.1f} {found:6.1f}  " + " ".join(f"{text:>8}" for text in wrong) + told
 
 
 def by_those_in_force(found: Sequence[Lookups], free: bool) -> Iterator[tuple[Lookups, Answers, Floats]]:
@@ -81,7 +75,7 @@ def print_judged(title: str, found: Iterable[tuple[Lookups, Answers, Floats]], f
     for one, answered, value in found:
         judged.setdefault(one.name, []).append((answered, value))
     for name, some in judged.items():
-        print(f"{name:24} {shares(some)}{share_in_map(some)}")
+        print(f"{name:24} {shares(some)}")
     right = np.concatenate([one.right for some in judged.values() for one, _ in some])
     chance = expit(np.concatenate([value for some in judged.values() for _, value in some]))
     print("\nprobability    answers  right, %")

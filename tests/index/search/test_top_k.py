@@ -181,6 +181,15 @@ def test_the_best_are_the_first_of_all(tmp_path, monkeypatch, score, weighted, l
             assert all(np.array_equal(a.alignment, b.alignment) for a, b in zip(best, wanted, strict=True))
 
 
+def two_datasets(path, rng, maps):
+    """An index of so many maps in each of two datasets, and the texts of the last."""
+    index = MapIndex.create(path, Parameters(matching=MatchingParameters(score="agreement")))
+    for name in ("b", "a"):
+        texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(maps)]
+        index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
+    return index, texts
+
+
 @pytest.mark.parametrize(("sieved", "sample"), [(2, 40), (2, 1000), (10**9, 40)])
 def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
     tmp_path, monkeypatch, sieved, sample
@@ -190,10 +199,7 @@ def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(4)
-    index = MapIndex.create(tmp_path / "index", Parameters(matching=MatchingParameters(score="agreement")))
-    for name in ("b", "a"):
-        texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(80)]
-        index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
+    index, texts = two_datasets(tmp_path / "index", rng, 80)
     asked = 0
 
     def turned(hit):
@@ -219,10 +225,7 @@ def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(6)
-    index = MapIndex.create(tmp_path / "index", Parameters(matching=MatchingParameters(score="agreement")))
-    for name in ("b", "a"):
-        texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(60)]
-        index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
+    index, texts = two_datasets(tmp_path / "index", rng, 60)
     looked: list[int] = []
     original = top_k.TopK.promising
 

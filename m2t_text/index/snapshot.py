@@ -123,7 +123,8 @@ class Recent:
         begins = np.cumsum([0, *(len(part) for part in documents)])
         places = [np.zeros(0, dtype=np.int64)]
         for segment, own, begin in zip(segments, documents, begins[:-1].tolist(), strict=True):
-            _, _, there = np.intersect1d(known - segment.offset, own, assume_unique=True, return_indices=True)
+            there = np.searchsorted(own, known - segment.offset)
+            there = there[np.append(own, -1)[there] == known - segment.offset]
             places.append(begin + there)
         return np.concatenate(places)
 

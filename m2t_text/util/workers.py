@@ -75,6 +75,47 @@ def threaded(function: Callable[[Item], Result], items: Iterable[Item]) -> Itera
         pool.shutdown(cancel_futures=True)
 
 
+class Crew:
+    """Threads that share each of many small works with the one that asks; to be closed.
+
+    For functions that spend their time in compiled code, which lets other threads run. To hand an item over
+    takes as long as some of them take to do, so each thread takes the next one as it comes free.
+    """
+
+    def __init__(self) -> None:
+        self.size = own_cores()
+        self._others: Any = None
+        if self.size > 1:
+            from concurrent.futures import ThreadPoolExecutor
+
+            self._others = ThreadPoolExecutor(self.size - 1)
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """What the function makes of each item, in their order."""
+        left = deque(enumerate(items))
+        results: dict[int, Result] = {}
+
+        def work() -> None:
+            while True:
+                try:
+                    number, item = left.popleft()
+                except IndexError:
+                    return
+                results[number] = function(item)
+
+        helping = [self._others.submit(work) for _ in range(min(self.size, len(items)) - 1)]
+        work()
+        for other in helping:
+            if not other.cancel():  # it has begun
+                other.result()
+        return [results[number] for number in range(len(items))]
+
+    def close(self) -> None:
+        """Ends the threads."""
+        if self._others is not None:
+            self._others.shutdown(cancel_futures=True)
+
+
 def _work_beside_others() -> None:
     _place.beside_others = True
 

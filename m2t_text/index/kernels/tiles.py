@@ -11,6 +11,7 @@ lanes are left then. Of these the second is counted, each by itself, in bits mad
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bound_tables import FIRST, WINDOW
@@ -25,8 +26,8 @@ from m2t_text.index.kernels.wide import (
     every_byte,
     lowest,
     no_words,
-    plus_common,
     sum_of,
+    twice_plus_common,
     up_to,
     words_at,
 )
@@ -38,7 +39,9 @@ SIDE, MIDDLE = 32, 16  # tiles of the grid about the viewpoint
 GROUPS = 4  # of offsets in x, and in y
 BEFORE = 2  # tiles from where a keypoint of the query lies to where the first group begins to take it
 VIEWS = LANES // (GROUPS * GROUPS)
+PADDED = SIDE + GROUPS + 1  # tiles that any group moves into the grid, and one on each side
 FULL = 64  # keypoints that an entry counts at most
+DIGITS = 4  # binary, of the number of the query's keypoints in a tile; those beyond count as matched
 STOP = 16  # entries between two looks at whether a map can still reach what is needed
 ORIGIN = 6000 * TILE  # cells, added to make those of any map positive
 BEYOND = ORIGIN // TILE - MIDDLE  # tiles from where they begin to the grid
@@ -91,68 +94,72 @@ class TileTables(NamedTuple):
         size: number of the query's keypoints.
         missed: (G, SIDE²) uint64, a bit for each lane: whether a map's keypoints in a tile lie near none of the
             query's.
-        counts: (G, LANES, B, WORDS) uint64 keypoints of the query that lie near one of the map's if the bit of
-            a tile is set: one bit of each number after the other, the lowest first.
+        counts: (G, LANES · DIGITS, WORDS) uint64 keypoints of the query that lie near one of the map's if the
+            bit of a tile is set: one bit of each number after the other, the highest first.
         beyond: (G, LANES) int64 those for which no bit is kept.
+        low: (G, LANES) int64 those, and all that the last two bits count.
     """
 
     size: int
     missed: NDArray[np.uint64]
     counts: NDArray[np.uint64]
     beyond: NDArray[np.int64]
+    low: NDArray[np.int64]
 
     @classmethod
     def of(cls, seen: Views) -> "TileTables":
         """Of a query with keypoints."""
-        groups = [slice(v, v + VIEWS) for v in range(0, len(seen.wx), VIEWS)]
-        missed, counts = (
-            np.stack(part)
-            for part in zip(*(_tables(seen.wx[group], seen.wy[group]) for group in groups), strict=True)
-        )
-        used = np.arange(LANES * len(groups)).reshape(-1, LANES) < len(seen.wx) * GROUPS * GROUPS
-        beyond = np.where(used, len(seen.wa) - counts.sum(axis=2), 0)
-        return cls(len(seen.wa), missed, _bits(counts), beyond)
+        near, counts = _near(seen), _counts(seen)
+        used = np.arange(LANES * len(near)).reshape(-1, LANES) < len(seen.wx) * GROUPS * GROUPS
+        beyond = np.where(used, len(seen.wa) - counts.sum(axis=2, dtype=np.int64), 0)
+        low = beyond + (counts & np.uint8(3)).sum(axis=2, dtype=np.int64)
+        bits = counts[:, :, None] >> np.arange(DIGITS, dtype=np.uint8)[::-1, None] & np.uint8(1)
+        planes = _packed(bits).reshape(len(near), LANES * DIGITS, WORDS)
+        return cls(len(seen.wa), _packed(~near.transpose(0, 2, 1))[:, :, 0], planes, beyond, low)
 
 
-def _tables(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint64], NDArray[np.int32]]:
-    """``missed`` (SIDE²,) of up to VIEWS views (V, Q), and (LANES, SIDE²) numbers that are the counts."""
-    reach = SIDE + GROUPS - 1  # tiles that any group takes into the grid, from `low` on
-    low = -MIDDLE - (GROUPS - 1) + BEFORE
-    near = np.zeros((VIEWS, reach, reach), np.bool_)
-    count = np.zeros((VIEWS, reach, reach), np.int32)
-    number = np.broadcast_to(np.arange(len(x))[:, None], x.shape)
-    i, j = x // TILE - low, y // TILE - low
-    inside = (i >= 0) & (i < reach) & (j >= 0) & (j < reach)
-    np.add.at(count, (number[inside], i[inside], j[inside]), 1)
-    # A keypoint q may lie near one in the tiles a with 6 a - 7 <= q <= 6 a + 5, before the group moves them:
-    # two or three in x, and in y.
-    for across in range(3):
-        a = -((5 - x) // TILE) + across
-        for along in range(3):
-            b = -((5 - y) // TILE) + along
-            near_to = (TILE * a - 7 <= x) & (TILE * b - 7 <= y)
-            a_, b_ = a - low, b - low
-            inside = near_to & (a_ >= 0) & (a_ < reach) & (b_ >= 0) & (b_ < reach)
-            near[number[inside], a_[inside], b_[inside]] = True
-    bits = np.packbits(~_by_group(near).T.copy(), axis=-1, bitorder="little")
-    return np.ascontiguousarray(bits).view("<u8")[:, 0].astype(np.uint64, copy=False), _by_group(count)
+def _near(seen: Views) -> NDArray[np.bool_]:
+    """(G, LANES, SIDE²) whether one of the query's keypoints comes near a cell of a tile.
+
+    A keypoint q may lie near one in the tiles a with 6 a - 7 <= q <= 6 a + 5, before the group moves them: two
+    or three in x, and in y.
+    """
+    row, column = (
+        np.minimum(-((5 - q) // TILE)[..., None] + np.arange(3), (q[..., None] + 7) // TILE)
+        for q in (seen.wx, seen.wy)
+    )
+    near = np.zeros((-(-len(row) // VIEWS) * VIEWS, PADDED, PADDED), np.bool_)
+    near[np.arange(len(row))[:, None, None, None], _place(row)[..., None], _place(column)[..., None, :]] = True
+    return _by_group(near)
 
 
-def _bits(counts: NDArray[np.int32]) -> NDArray[np.uint64]:
-    """The `TileTables.counts` of numbers (G, LANES, SIDE²)."""
-    digits = range(max(1, int(counts.max()).bit_length()))
-    planes = [np.packbits(counts & np.int32(1 << digit) != 0, axis=-1, bitorder="little") for digit in digits]
-    return np.stack(planes, axis=2).view("<u8").astype(np.uint64, copy=False)
+def _counts(seen: Views) -> NDArray[np.uint8]:
+    """(G, LANES, SIDE²) keypoints of the query in a tile, as many as the digits count."""
+    views = -(-len(seen.wx) // VIEWS) * VIEWS
+    number = np.arange(len(seen.wx))[:, None]
+    places = (number * PADDED + _place(seen.wx // TILE)) * PADDED + _place(seen.wy // TILE)
+    counts = np.bincount(places.ravel(), minlength=views * PADDED * PADDED)
+    counts = np.minimum(counts, (1 << DIGITS) - 1).astype(np.uint8)
+    return _by_group(counts.reshape(views, PADDED, PADDED))
+
+
+def _place(tile: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Of a tile in a table from which every group takes some into the grid; the first and the last place are
+    of what lies outside."""
+    return np.clip(tile + MIDDLE + GROUPS - BEFORE, 0, PADDED - 1)
 
 
 def _by_group(table: NDArray[Any]) -> NDArray[Any]:
-    """(LANES, SIDE²) of a table (VIEWS, SIDE + 3, SIDE + 3): where each group of offsets moves it to."""
-    moved = [
-        table[:, GROUPS - 1 - g : GROUPS - 1 - g + SIDE, GROUPS - 1 - h : GROUPS - 1 - h + SIDE]
-        for g in range(GROUPS)
-        for h in range(GROUPS)
-    ]
-    return np.stack(moved, axis=1).reshape(LANES, SIDE * SIDE)
+    """(G, LANES, SIDE²) of a table (V, PADDED, PADDED): where each group of offsets moves it to."""
+    inside = table[:, 1:-1, 1:-1]
+    moved = sliding_window_view(inside, (SIDE, SIDE), axis=(1, 2))[:, ::-1, ::-1]
+    return moved.reshape(-1, LANES, SIDE * SIDE)
+
+
+def _packed(bits: NDArray[Any]) -> NDArray[np.uint64]:
+    """Bits along the last axis in words, the first one lowest."""
+    packed = np.packbits(np.ascontiguousarray(bits), axis=-1, bitorder="little")
+    return packed.view("<u8").astype(np.uint64, copy=False)
 
 
 class Room(NamedTuple):
@@ -263,13 +270,18 @@ def _group_may_reach(
             missed = added(missed, keypoints, table[entry >> U(6)])
             place += U(1)
         lanes = up_to(missed, limit)
-    counts, beyond, cover = tables.counts[g], tables.beyond[g], words_at(tiles.cover, U(document))
+    counts, beyond, low = tables.counts[g], tables.beyond[g], tables.low[g]
+    cover = words_at(tiles.cover, U(document))
     while lanes:
         lane = lowest(lanes)
         lanes &= lanes - U(1)
-        covered = no_words()
-        for digit in range(U(counts.shape[1])):
-            covered = plus_common(covered, words_at(counts[lane], digit), cover, digit)
-        if np.int64(sum_of(covered) - (byte_of(missed, lane) << shift)) + beyond[lane] >= needed:
-            return True
+        others = needed + np.int64(byte_of(missed, lane) << shift)
+        row = lane * U(DIGITS)
+        covered = twice_plus_common(no_words(), words_at(counts, row), cover)
+        covered = twice_plus_common(covered, words_at(counts, row + U(1)), cover)
+        if 4 * np.int64(sum_of(covered)) + low[lane] >= others:  # as few do, even with all of the lower digits
+            covered = twice_plus_common(covered, words_at(counts, row + U(2)), cover)
+            covered = twice_plus_common(covered, words_at(counts, row + U(3)), cover)
+            if np.int64(sum_of(covered)) + beyond[lane] >= others:
+                return True
     return False

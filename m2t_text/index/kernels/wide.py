@@ -128,17 +128,15 @@ def no_words(typing: Any) -> Any:
 
 
 @intrinsic
-def plus_common(typing: Any, total: Any, a: Any, b: Any, digit: Any) -> Any:
-    """Each word of the total, and how many bits are set in both of two words, times two to the digit."""
+def twice_plus_common(typing: Any, total: Any, a: Any, b: Any) -> Any:
+    """Twice each word of the total, and how many bits are set in both of two words."""
 
     def add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        total, a, b, digit = arguments
+        total, a, b = arguments
         counted = _called(builder, f"llvm.ctpop.v{WORDS}i64", ROW, builder.and_(a, b))
-        first = builder.insert_element(ir.Constant(ROW, ir.Undefined), digit, ir.IntType(32)(0))
-        places = ir.Constant(ir.VectorType(ir.IntType(32), WORDS), [0] * WORDS)
-        return builder.add(total, builder.shl(counted, builder.shuffle_vector(first, first, places)))
+        return builder.add(builder.add(total, total), counted)
 
-    return wide_words(wide_words, wide_words, wide_words, types.uint64), add
+    return wide_words(wide_words, wide_words, wide_words), add
 
 
 @intrinsic

@@ -1,18 +1,17 @@
 """The best maps of many without measuring all: the most promising first, until bounds leave out the rest."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.scores import Scores
+from m2t_text.index.search.scorer import Documents, Scorer
 from m2t_text.util.types import Floats
-from m2t_text.util.workers import own_cores
+from m2t_text.util.workers import Crew
 
-Documents = NDArray[np.int64]
 Part = TypeVar("Part")
 Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 
@@ -23,34 +22,10 @@ SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is need
 AROUND = 32  # and of those on either side of the best, which one drive has often made of one place; the second
 FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
-LEAST = 1024  # documents in a part, where there are enough: to begin one takes as long as a few of them
-
-
-class Scorer(Protocol):
-    """How well one query fits documents of a segment, which is named. Compiled code lets other threads run."""
-
-    @property
-    def estimates_are_bounds(self) -> bool:
-        """Whether `estimate` returns upper bounds already."""
-
-    @property
-    def sieves(self) -> bool:
-        """Whether `may_reach` leaves out documents, and is quick."""
-
-    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
-        """Which of the documents (K,) may have a score that reaches the threshold."""
-
-    def estimate(self, name: str, documents: Documents) -> Floats:
-        """A guess of the scores of documents (K,), which decides where to begin; it may be wrong."""
-
-    def bound(self, name: str, documents: Documents, threshold: float) -> Floats:
-        """Upper bounds of the scores of documents (K,); those below the threshold may be 0."""
-
-    def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
-        """Tighter bounds; where the score is below the threshold, any value below the threshold will do."""
-
-    def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
-        """The scores of documents (K,); below the threshold they may be 0."""
+# Documents in a part, at least: to begin one takes as long as some of them take,
+GLANCE = 1024  # by the sieve or to guess their scores,
+LOOK = 64  # for a bound,
+MEASURE = 4  # for a fine bound or a score.
 
 
 @dataclass(frozen=True)
@@ -103,14 +78,13 @@ class TopK:
         self._names = list(allowed)
         self._begins = np.cumsum([0, *[len(part) for part in allowed.values()]])
         self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
-        self._threads = ThreadPoolExecutor(own_cores()) if own_cores() > 1 else None
+        self._crew = Crew()
 
     def __enter__(self) -> "TopK":
         return self
 
     def __exit__(self, *problem: object) -> None:
-        if self._threads is not None:
-            self._threads.shutdown(cancel_futures=True)
+        self._crew.close()
 
     def all(self) -> Scores:
         """The scores of all documents, in the order in which they were given."""
@@ -187,7 +161,7 @@ class TopK:
             # Batches grow: few of them, and what the first ones find spares a close look at the later ones.
             batch, rest, bounds = rest[:size], rest[size:], bounds[size:]
             size *= GROWTH
-            tight = _joined(self._each(self._scorer.fine_bound, np.sort(batch), last))
+            tight = _joined(self._each(self._scorer.fine_bound, MEASURE, np.sort(batch), last))
             close = np.sort(batch)[tight >= last]
             scores = Scores.joined([scores, self._counted(close, last, wanted)])
             done = np.append(done, close)
@@ -212,18 +186,20 @@ class TopK:
 
     def _through(self, places: NDArray[np.int64], floor: float) -> NDArray[np.bool_]:
         """Which places the sieve lets through."""
-        return np.concatenate([np.zeros(0, np.bool_), *self._each(self._scorer.may_reach, places, floor)])
+        return np.concatenate(
+            [np.zeros(0, np.bool_), *self._each(self._scorer.may_reach, GLANCE, places, floor)]
+        )
 
     def _hopeful(self, found: Promising, last: float) -> tuple[NDArray[np.int64], Floats]:
         """The places whose bounds reach the score of the last, and the bounds, the largest first."""
         assert found.every is not None
         assert found.estimate is not None
-        others = np.isin(found.every, found.done, invert=True)
+        others = _missing(found.every, found.done)
         every, bounds = found.every[others], found.estimate[others]
         if self._sieves and last > found.floor:
             every = self._sieved(every, last)
         if not self._scorer.estimates_are_bounds:
-            bounds = _joined(self._each(self._scorer.bound, every, last))
+            bounds = _joined(self._each(self._scorer.bound, LOOK, every, last))
         hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
         hopeful = hopeful[_descending(bounds[hopeful])]
         return every[hopeful], bounds[hopeful]
@@ -237,8 +213,8 @@ class TopK:
 
     def _scored(self, found: Promising, places: NDArray[np.int64]) -> Promising:
         """What is known once those that promise most of ascending places are scored, too."""
-        estimate = _joined(self._each(self._scorer.estimate, places))
-        others = np.flatnonzero(np.isin(places, found.done, invert=True))
+        estimate = _joined(self._each(self._scorer.estimate, GLANCE, places))
+        others = np.flatnonzero(_missing(places, found.done))
         best = _largest(np.append(found.guesses, estimate[others]), found.tried) - len(found.done)
         chosen = others[np.sort(best[best >= 0])]
         scores = self._counted(places[chosen], found.floor, found.wanted)
@@ -263,23 +239,27 @@ class TopK:
         order = np.argsort(places)
         back = np.empty(len(places), dtype=np.int64)
         back[order] = np.arange(len(places))
-        return Scores.joined(self._each(self._scorer.score, places[order], threshold))[back]
+        return Scores.joined(self._each(self._scorer.score, MEASURE, places[order], threshold))[back]
 
-    def _each(self, work: Callable[..., Part], places: NDArray[np.int64], *arguments: float) -> Sequence[Part]:
-        """What the work gives for ascending places, part by part of one segment each."""
+    def _each(
+        self, work: Callable[..., Part], least: int, places: NDArray[np.int64], *arguments: float
+    ) -> Sequence[Part]:
+        """What the work gives for ascending places, part by part of one segment each, at ``least`` so many."""
+        share = max(least, len(places) // (SHARES * self._crew.size), 1)
         parts: list[tuple[str, Documents]] = []
-        share = len(places)
-        if self._threads is not None:
-            threads = own_cores()
-            share = min(max(LEAST, share // (SHARES * threads)), share // threads)
-        share = max(1, share)
         for number, name in enumerate(self._names):
             begin, end = np.searchsorted(places, self._begins[number : number + 2])
             own = self._documents[places[begin:end]]
             parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
-        if self._threads is None:
-            return [work(*part, *arguments) for part in parts]
-        return list(self._threads.map(lambda part: work(*part, *arguments), parts))
+        return self._crew.map(lambda part: work(*part, *arguments), parts)
+
+
+def _missing(places: NDArray[np.int64], done: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of ascending places (K,) are none of those done, which are in any order."""
+    others = np.ones(len(places) + 1, dtype=np.bool_)
+    at = np.searchsorted(places, done)
+    others[at[np.append(places, -1)[at] == done]] = False
+    return others[:-1]
 
 
 def _joined(parts: Sequence[Floats]) -> Floats:

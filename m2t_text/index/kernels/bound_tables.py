@@ -116,10 +116,11 @@ def _rows(
     side, wide = 2 * half, 2 * (half + MARGIN)
     near, bits = np.zeros((wide, wide * LANES), np.uint8), np.zeros((wide, side * LANES), np.uint8)
     _fill_bits(np.ascontiguousarray(x), np.ascontiguousarray(y), half, first, step, near, bits)
-    rows = np.zeros((length * step, side, LANES), np.uint8)
+    rows = np.zeros((length * step, side), np.uint32)  # the bytes of all lanes move together
     last = side - 1 + MARGIN - first  # where the first step in x takes the greatest x
-    rows[: last + 1] = bits.reshape(wide, side, LANES)[last::-1]
-    return rows.reshape(length, step, side, LANES).transpose(2, 1, 0, 3).reshape(-1, LANES)
+    rows[: last + 1] = bits.view(np.uint32)[last::-1]
+    ordered = np.ascontiguousarray(rows.reshape(length, step, side).transpose(2, 1, 0))
+    return ordered.view(np.uint8).reshape(-1, LANES)
 
 
 def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -16,6 +16,7 @@ from m2t_text.description.text import Text
 from m2t_text.index.results import Overview
 from m2t_text.index.schema import RECORD, from_record
 from m2t_text.index.search.collection import Collection, Statistics, collection, live_documents
+from m2t_text.util.ascending import distinct, places_of
 
 if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching needs them
     from m2t_text.index.kernels.scores import Scores
@@ -119,13 +120,11 @@ class Recent:
     def places(self, segments: Sequence[Segment], documents: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
         """(K,) their places among all documents (D,) of segments, ascending; those that are missing there are
         left out."""
-        known = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *list(self._found)]))
+        known = distinct(np.concatenate([np.zeros(0, dtype=np.int64), *list(self._found)]))
         begins = np.cumsum([0, *(len(part) for part in documents)])
         places = [np.zeros(0, dtype=np.int64)]
         for segment, own, begin in zip(segments, documents, begins[:-1].tolist(), strict=True):
-            there = np.searchsorted(own, known - segment.offset)
-            there = there[np.append(own, -1)[there] == known - segment.offset]
-            places.append(begin + there)
+            places.append(begin + places_of(known - segment.offset, own))
         return np.concatenate(places)
 
 

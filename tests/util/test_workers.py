@@ -6,7 +6,7 @@ from itertools import count, islice
 import pytest
 
 from m2t_text.util import workers
-from m2t_text.util.workers import AHEAD, own_cores, threaded
+from m2t_text.util.workers import AHEAD, Crew, own_cores, threaded
 
 
 def test_results_keep_their_order_and_items_are_taken_as_needed(monkeypatch):
@@ -39,3 +39,36 @@ def test_an_error_reaches_the_caller(monkeypatch):
     with pytest.raises(ZeroDivisionError):
         list(threaded(lambda number: 1 // (5 - number), range(100)))
     assert own_cores() == 2
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_a_crew_keeps_the_order_and_all_of_it_work_with_the_one_that_asks(monkeypatch, size):
+    monkeypatch.setattr(workers, "cores", lambda jobs: jobs or size)
+    crew = Crew()
+    together = threading.Barrier(size)
+
+    def meet(number):
+        together.wait(timeout=60)
+        return number, threading.get_ident()
+
+    met = crew.map(meet, range(size))
+    assert [number for number, _ in met] == list(range(size))
+    assert len({thread for _, thread in met}) == size
+    assert threading.get_ident() in {thread for _, thread in met}
+    assert crew.map(lambda number: number * number, range(1000)) == [k * k for k in range(1000)]
+    assert crew.map(abs, []) == []
+    crew.close()
+
+
+def test_an_error_of_any_of_a_crew_reaches_the_caller(monkeypatch):
+    monkeypatch.setattr(workers, "cores", lambda jobs: jobs or 2)
+    crew = Crew()
+    together = threading.Barrier(2)
+
+    def work(number):
+        together.wait(timeout=60)
+        return [][number] if number == 1 else number
+
+    with pytest.raises(IndexError):
+        crew.map(work, range(2))
+    crew.close()

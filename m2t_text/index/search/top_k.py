@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.search.scorer import Documents, Scorer
+from m2t_text.util.ascending import absent, distinct
 from m2t_text.util.types import Floats
 from m2t_text.util.workers import Crew
 
@@ -128,7 +129,7 @@ class TopK:
             needed = max(least, _last(found.scores, -(-top // parts)))  # of the whole
             if len(found.done) and len(sample) >= len(every) * self._share(every, needed):
                 break
-            found = self._scored(found, sample if likely is None else np.union1d(sample, likely))
+            found = self._scored(found, sample if likely is None else distinct(np.append(sample, likely)))
             found = self._scored(found, self._around(found))
         return replace(found, every=None, estimate=None)
 
@@ -194,7 +195,7 @@ class TopK:
         """The places whose bounds reach the score of the last, and the bounds, the largest first."""
         assert found.every is not None
         assert found.estimate is not None
-        others = _missing(found.every, found.done)
+        others = absent(found.every, found.done)
         every, bounds = found.every[others], found.estimate[others]
         if self._sieves and last > found.floor:
             every = self._sieved(every, last)
@@ -207,14 +208,14 @@ class TopK:
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""
         best = found.done[_largest(found.scores.score, -(-found.tried // 2))]
-        places = np.unique(best[:, None] + np.arange(-AROUND, AROUND + 1))
+        places = distinct(best[:, None] + np.arange(-AROUND, AROUND + 1))
         inside = places[(places >= 0) & (places < len(self._documents))]
-        return np.setdiff1d(inside, found.done, assume_unique=True)
+        return inside[absent(inside, found.done)]
 
     def _scored(self, found: Promising, places: NDArray[np.int64]) -> Promising:
         """What is known once those that promise most of ascending places are scored, too."""
         estimate = _joined(self._each(self._scorer.estimate, GLANCE, places))
-        others = np.flatnonzero(_missing(places, found.done))
+        others = np.flatnonzero(absent(places, found.done))
         best = _largest(np.append(found.guesses, estimate[others]), found.tried) - len(found.done)
         chosen = others[np.sort(best[best >= 0])]
         scores = self._counted(places[chosen], found.floor, found.wanted)
@@ -252,14 +253,6 @@ class TopK:
             own = self._documents[places[begin:end]]
             parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
         return self._crew.map(lambda part: work(*part, *arguments), parts)
-
-
-def _missing(places: NDArray[np.int64], done: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of ascending places (K,) are none of those done, which are in any order."""
-    others = np.ones(len(places) + 1, dtype=np.bool_)
-    at = np.searchsorted(places, done)
-    others[at[np.append(places, -1)[at] == done]] = False
-    return others[:-1]
 
 
 def _joined(parts: Sequence[Floats]) -> Floats:

@@ -137,13 +137,15 @@ class ClusterIndex:
 
     def _floor(self, manifest: Manifest, search: Search) -> float:
         """A score that the best maps of all shards reach together."""
-        begun = self._ask(manifest, "begin", range(len(manifest.shards)), search)
-        known = {number: scores for number, (scores, _) in begun.items()}
-        floor = _reached(known, search.top)
-        sampled = [number for number, (_, sampled) in begun.items() if sampled]
-        if sampled:
-            known |= self._ask(manifest, "narrow", sampled, search, floor)
-        return max(floor, _reached(known, search.top))
+        told = self._ask(manifest, "begin", range(len(manifest.shards)), search)
+        known: dict[int, Floats] = {}
+        floor = 0.0
+        while told:
+            known |= {number: scores for number, (scores, _) in told.items()}
+            floor = max(floor, _reached(known, search.top))
+            sampled = [number for number, (_, sampled) in told.items() if sampled]
+            told = self._ask(manifest, "narrow", sampled, search, floor) if sampled else {}
+        return floor
 
     def find_document(self, map_id: str) -> Document | None:
         """The map of this id with its text; None if there is none."""

@@ -66,8 +66,10 @@ class ShardServer:
                 self._begun.popitem(last=False)[1].close()
         return ranking.begin()
 
-    def narrow(self, generation: int, number: int, search: Search, floor: float) -> NDArray[np.float64]:
-        """A step between: the best scores of all maps that may reach the floor."""
+    def narrow(
+        self, generation: int, number: int, search: Search, floor: float
+    ) -> tuple[NDArray[np.float64], bool]:
+        """A step between, after a sample: the same once more is known, of maps that may reach the floor."""
         if (search.key, number) not in self._begun:
             self.begin(generation, number, search)
         with self._lock:

@@ -4,6 +4,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from secrets import token_hex
@@ -71,7 +72,7 @@ class Store:
             ) from error
         except OSError as error:
             raise ClusterError(f"{name} in {self.path} cannot be read: {error.strerror or error}") from error
-        return Manifest.from_bytes(data, str(self.path))
+        return _parsed(data, str(self.path))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -214,3 +215,9 @@ def _digest(folder: Path) -> str:
     storage = MapStorage(folder)
     with storage.open_plain(contents_name(generation(storage))) as file:
         return fingerprint(file)
+
+
+@lru_cache(maxsize=4)
+def _parsed(data: bytes, where: str) -> Manifest:
+    """A manifest, which is read again for every search and hardly ever another one."""
+    return Manifest.from_bytes(data, where)

@@ -176,10 +176,10 @@ class Ranking:
             return np.zeros(0), False
         return self._promising.best, self._promising.every is None
 
-    def narrow(self, floor: float) -> NDArray[np.float64]:
-        """(K,) the same of all maps that may reach the ``floor``."""
+    def narrow(self, floor: float) -> tuple[NDArray[np.float64], bool]:
+        """The same once more is known, of maps that may reach the ``floor``."""
         self._promising = self._top_k.narrowed(self._promising, floor)
-        return self._promising.best
+        return self.begin()
 
     def best(self, floor: float = 0.0) -> "tuple[list[Address], Scores]":
         """The best maps with a match, and those that tie with the last; none below the ``floor``.

@@ -1,4 +1,4 @@
-"""Whole numbers in ascending order, of which a few are looked up; `numpy.unique` hashes or copies all of them."""
+"""Whole numbers in ascending order, looked up; `numpy.unique` and its like would hash or copy all of them."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -37,7 +37,8 @@ class Promising:
         top: how many documents are looked for.
         floor: a score that those reach.
         wanted: which documents count; all if None.
-        tried: how many of those that promise most are scored in a step.
+        parts: of how many parts of a whole, which are searched together, these documents are one.
+        samples: how many samples were looked at.
         done: (K,) the places of documents that were scored.
         guesses: (K,) of their scores, from before.
         scores: of them.
@@ -48,12 +49,18 @@ class Promising:
     top: int
     floor: float
     wanted: Wanted | None
-    tried: int
+    parts: int = 1
+    samples: int = 0
     done: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     guesses: Floats = field(default_factory=lambda: np.zeros(0))
     scores: Scores = field(default_factory=lambda: Scores.none(0))
     every: NDArray[np.int64] | None = None
     estimate: Floats | None = None
+
+    @property
+    def tried(self) -> int:
+        """How many of those that promise most are scored in a step."""
+        return -(-2 * self.top // self.parts)
 
     @property
     def best(self) -> Floats:
@@ -120,30 +127,27 @@ class TopK:
 
         Where these documents are one of several parts of a whole, fewer of each are looked at and scored.
         """
-        found = Promising(top, least, wanted, -(-2 * top // parts))
-        every = np.arange(len(self._documents))
-        if not self._sieves:
-            return self._scored(found, every)
-        for size in SAMPLES:
-            sample = every[:: -(-len(every) * parts // size)]
-            needed = max(least, _last(found.scores, -(-top // parts)))  # of the whole
-            if len(found.done) and len(sample) >= len(every) * self._share(every, needed):
-                break
-            found = self._scored(found, sample if likely is None else distinct(np.append(sample, likely)))
-            found = self._scored(found, self._around(found))
-        return replace(found, every=None, estimate=None)
+        found = Promising(top, least, wanted, parts)
+        return self._sampled(found, likely) if self._sieves else self._scored(found, self._every)
 
     def narrowed(self, promising: Promising, floor: float = 0.0) -> Promising:
-        """The second step: after a sample, scores those that promise most of all that may reach the floor.
+        """The next step after a sample, to be taken until ``every`` place that may be among the best is known.
+
+        Looks at a larger sample if more places than that may reach the floor, else scores those of them that
+        promise most.
 
         Args:
-            promising: what the first step found.
+            promising: what the step before found.
             floor: a score that the ``top`` best of more documents than these reach.
         """
         if promising.every is not None:
             return promising
         found = replace(promising, floor=max(floor, promising.last))
-        return self._scored(found, self._sieved(np.arange(len(self._documents)), found.floor))
+        share = self._share(self._every, found.floor, FEW // found.parts)
+        most = share * len(self._documents) * found.parts
+        if found.samples < len(SAMPLES) and most > SAMPLES[found.samples]:
+            return self._sampled(found)
+        return self._scored(found, self._sieved(self._every, found.floor, share))
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The last step of `best`: looks at the other documents.
@@ -152,7 +156,9 @@ class TopK:
             promising: what the steps before found.
             floor: a score that the ``top`` best of more documents than these reach; lower ones are left out.
         """
-        found = self.narrowed(promising, floor)
+        found = promising
+        while found.every is None:
+            found = self.narrowed(found, floor)
         top, wanted, scores, done = found.top, found.wanted, found.scores, found.done
         floor = max(floor, found.floor)
         last = max(floor, found.last)
@@ -175,15 +181,18 @@ class TopK:
     def _sieves(self) -> bool:
         return len(self._documents) >= SIEVED and self._scorer.sieves
 
-    def _sieved(self, places: NDArray[np.int64], floor: float) -> NDArray[np.int64]:
-        """The places where scores may reach the floor; all where that would be most of them."""
-        if len(places) > FEW and self._share(places, floor) > LOOSE:
-            return places
-        return places[self._through(places, floor)]
+    @property
+    def _every(self) -> NDArray[np.int64]:
+        """All places."""
+        return np.arange(len(self._documents))
 
-    def _share(self, places: NDArray[np.int64], floor: float) -> float:
-        """The share of places that the sieve lets through, about."""
-        return float(self._through(places[:: -(-len(places) // FEW)], floor).mean())
+    def _sieved(self, places: NDArray[np.int64], floor: float, share: float) -> NDArray[np.int64]:
+        """The places where scores may reach the floor, as that share does; all where that is most of them."""
+        return places if share > LOOSE else places[self._through(places, floor)]
+
+    def _share(self, places: NDArray[np.int64], floor: float, few: int = FEW) -> float:
+        """The share of places that the sieve lets through, as so few tell."""
+        return float(self._through(places[:: -(-len(places) // max(few, 1))], floor).mean())
 
     def _through(self, places: NDArray[np.int64], floor: float) -> NDArray[np.bool_]:
         """Which places the sieve lets through."""
@@ -198,12 +207,20 @@ class TopK:
         others = absent(found.every, found.done)
         every, bounds = found.every[others], found.estimate[others]
         if self._sieves and last > found.floor:
-            every = self._sieved(every, last)
+            every = self._sieved(every, last, self._share(every, last) if len(every) > FEW else 0.0)
         if not self._scorer.estimates_are_bounds:
             bounds = _joined(self._each(self._scorer.bound, LOOK, every, last))
         hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
         hopeful = hopeful[_descending(bounds[hopeful])]
         return every[hopeful], bounds[hopeful]
+
+    def _sampled(self, found: Promising, likely: NDArray[np.int64] | None = None) -> Promising:
+        """What is known once those that promise most of the next sample and of likely places are scored."""
+        count = len(self._documents)
+        sample = np.arange(0, count, -(-count * found.parts // SAMPLES[found.samples]))
+        found = self._scored(found, sample if likely is None else distinct(np.append(sample, likely)))
+        found = self._scored(found, self._around(found))
+        return replace(found, samples=found.samples + 1, every=None, estimate=None)
 
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""

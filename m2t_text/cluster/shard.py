@@ -63,7 +63,7 @@ class ShardServer:
         with self._lock:
             self._begun[search.key, number] = ranking
             while len(self._begun) > BEGUN * len(self._indexes):
-                self._begun.popitem(last=False)[1].close()
+                self._begun.popitem(last=False)
         return ranking.begin()
 
     def narrow(
@@ -80,8 +80,8 @@ class ShardServer:
         """The last step: the best hits, none below the floor. Steps that another server took, it takes anew."""
         with self._lock:
             begun = self._begun.pop((search.key, number), None)
-        with begun or self._ranking(generation, number, search) as ranking:
-            return self.opened(generation, number).hits(ranking, search.top, search.texts, floor)
+        ranking = begun or self._ranking(generation, number, search)
+        return self.opened(generation, number).hits(ranking, search.top, search.texts, floor)
 
     def find_document(self, generation: int, number: int, map_id: str) -> Document | None:
         """The map of this id with its text; None if there is none."""

@@ -345,8 +345,8 @@ class MapIndex:
             >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
             (True, (3,))
         """
-        with self.ranking(text, top, exclude, method, filter, None, least, wanted) as ranking:
-            return self.hits(ranking, top, texts)
+        ranking = self.ranking(text, top, exclude, method, filter, None, least, wanted)
+        return self.hits(ranking, top, texts)
 
     def search_many(
         self, texts: Iterable[Text], top: int = 10, method: "Method" = "m2t"

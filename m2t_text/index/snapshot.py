@@ -129,10 +129,7 @@ class Recent:
 
 
 class Ranking:
-    """A search of one state in steps, between which several states can agree on what is good enough.
-
-    To be used in a ``with`` block, or closed.
-    """
+    """A search of one state in steps, between which several states can agree on what is good enough."""
 
     def __init__(
         self,
@@ -150,16 +147,6 @@ class Ranking:
         is looked at first; this state is one of so many ``parts`` that are searched together."""
         self._segments, self._documents, self._top_k, self._top = segments, documents, top_k, top
         self._least, self._wanted, self._recent, self._parts = least, wanted, recent, parts
-
-    def __enter__(self) -> "Ranking":
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Ends the threads."""
-        self._top_k.__exit__()
 
     @cached_property
     def _promising(self) -> "Promising":
@@ -268,8 +255,7 @@ class Snapshot:
     def scores(self, text: Text, model: "MapWeighting") -> "Scores":
         """How well the text fits each map."""
         every = [np.ones(len(segment.live), dtype=np.bool_) for segment in self.segments]
-        with self.ranking(text, model, 0, every) as ranking:
-            return ranking.best()[1][self._order]
+        return self.ranking(text, model, 0, every).best()[1][self._order]
 
     def ranking(
         self,

@@ -7,6 +7,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
 from threading import Thread, local
 from typing import Any, TypeVar
 
@@ -75,45 +76,46 @@ def threaded(function: Callable[[Item], Result], items: Iterable[Item]) -> Itera
         pool.shutdown(cancel_futures=True)
 
 
-class Crew:
-    """Threads that share each of many small works with the one that asks; to be closed.
+def together(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """What a function makes of each item, in their order, by the caller and threads for the other cores.
 
-    For functions that spend their time in compiled code, which lets other threads run. To hand an item over
-    takes as long as some of them take to do, so each thread takes the next one as it comes free.
+    For many small works in compiled code, which lets other threads run. To hand one over takes as long as some
+    of them take to do, so the threads are kept, and each takes the next item as it comes free.
     """
+    left = deque(enumerate(items))
+    results: dict[int, Result] = {}
 
-    def __init__(self) -> None:
-        self.size = own_cores()
-        self._others: Any = None
-        if self.size > 1:
-            from concurrent.futures import ThreadPoolExecutor
+    def work() -> None:
+        while True:
+            try:
+                number, item = left.popleft()
+            except IndexError:
+                return
+            results[number] = function(item)
 
-            self._others = ThreadPoolExecutor(self.size - 1)
-
-    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """What the function makes of each item, in their order."""
-        left = deque(enumerate(items))
-        results: dict[int, Result] = {}
-
-        def work() -> None:
-            while True:
-                try:
-                    number, item = left.popleft()
-                except IndexError:
-                    return
-                results[number] = function(item)
-
-        helping = [self._others.submit(work) for _ in range(min(self.size, len(items)) - 1)]
+    helpers = min(own_cores(), len(items)) - 1
+    helping = [_helpers(own_cores() - 1).submit(work) for _ in range(helpers)]
+    try:
         work()
-        for other in helping:
-            if not other.cancel():  # it has begun
-                other.result()
-        return [results[number] for number in range(len(items))]
+    finally:
+        left.clear()  # nothing is left, unless the function failed
+        begun = [other for other in helping if not other.cancel()]
+        for other in begun:
+            other.exception()  # waits
+    for other in begun:
+        other.result()
+    return [results[number] for number in range(len(items))]
 
-    def close(self) -> None:
-        """Ends the threads."""
-        if self._others is not None:
-            self._others.shutdown(cancel_futures=True)
+
+@cache
+def _helpers(threads: int) -> Any:
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(threads)
+
+
+if hasattr(os, "register_at_fork"):  # not on every system
+    os.register_at_fork(after_in_child=_helpers.cache_clear)  # which has none of its parent's threads
 
 
 def _work_beside_others() -> None:

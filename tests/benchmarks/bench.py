@@ -179,8 +179,7 @@ def measure_other_visits(maps: int) -> dict[str, Any]:
         begin = perf_counter()
         with index._reading() as snapshot:
             assert [len(segment.live) for segment in snapshot.segments] == [maps]
-            with snapshot.ranking(text, index.model(), TOP, [allowed]) as ranking:
-                hits = index.hits(ranking, TOP)
+            hits = index.hits(snapshot.ranking(text, index.model(), TOP, [allowed]), TOP)
         if number >= ENOUGH:
             times.append(perf_counter() - begin)
             last.append(hits[-1].score)

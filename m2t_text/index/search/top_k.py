@@ -11,7 +11,7 @@ from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.search.scorer import Documents, Scorer
 from m2t_text.util.ascending import absent, distinct
 from m2t_text.util.types import Floats
-from m2t_text.util.workers import Crew
+from m2t_text.util.workers import own_cores, together
 
 Part = TypeVar("Part")
 Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
@@ -76,7 +76,7 @@ class Promising:
 
 
 class TopK:
-    """The documents that a search chooses from, worked on by threads. To be used in a ``with`` block.
+    """The documents that a search chooses from, worked on by threads.
 
     Args:
         scorer: of the query.
@@ -88,13 +88,6 @@ class TopK:
         self._names = list(allowed)
         self._begins = np.cumsum([0, *[len(part) for part in allowed.values()]])
         self._documents = np.concatenate([np.zeros(0, dtype=np.int64), *allowed.values()])
-        self._crew = Crew()
-
-    def __enter__(self) -> "TopK":
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self._crew.close()
 
     def all(self) -> Scores:
         """The scores of all documents, in the order in which they were given."""
@@ -209,7 +202,8 @@ class TopK:
         others = absent(found.every, found.done)
         every, bounds = found.every[others], found.estimate[others]
         if self._sieves and last > found.floor:
-            every = self._sieved(every, last, self._share(every, last) if len(every) > FEW else 0.0)
+            few = FEW // found.parts
+            every = self._sieved(every, last, self._share(every, last, few) if len(every) > few else 0.0)
         if not self._scorer.estimates_are_bounds:
             bounds = _joined(self._each(self._scorer.bound, LOOK, every, last))
         hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
@@ -265,13 +259,13 @@ class TopK:
         self, work: Callable[..., Part], least: int, places: NDArray[np.int64], *arguments: float
     ) -> Sequence[Part]:
         """What the work gives for ascending places, part by part of one segment each, at ``least`` so many."""
-        share = max(least, len(places) // (SHARES * self._crew.size), 1)
+        share = max(least, len(places) // (SHARES * own_cores()), 1)
         parts: list[tuple[str, Documents]] = []
         for number, name in enumerate(self._names):
             begin, end = np.searchsorted(places, self._begins[number : number + 2])
             own = self._documents[places[begin:end]]
             parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
-        return self._crew.map(lambda part: work(*part, *arguments), parts)
+        return together(lambda part: work(*part, *arguments), parts)
 
 
 def _joined(parts: Sequence[Floats]) -> Floats:

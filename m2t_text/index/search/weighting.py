@@ -36,8 +36,8 @@ class MapWeighting(WeightingModel):
             return NoScore()
         whole, name = collection(searcher, fieldname), segment_name(searcher.reader())
         documents = np.arange(len(whole.segments[name].live))
-        with TopK(self.text_scorer(text, whole), {name: documents}) as top_k:
-            return MapScorer(top_k.all(), whole.segments[name].live)
+        scores = TopK(self.text_scorer(text, whole), {name: documents}).all()
+        return MapScorer(scores, whole.segments[name].live)
 
     def text_scorer(self, text: Text, whole: Collection) -> Scorer:
         """How well a text fits the maps of a collection."""
@@ -101,8 +101,7 @@ def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:
     """How far each of some packed texts agrees with a query on one offset."""
     live = np.ones(texts.documents, dtype=np.bool_)
     whole = Collection({"": SegmentTexts(texts, live)}, texts.documents)
-    with TopK(model.text_scorer(text, whole), {"": np.arange(texts.documents)}) as top_k:
-        return top_k.all()
+    return TopK(model.text_scorer(text, whole), {"": np.arange(texts.documents)}).all()
 
 
 class NoScore(BaseScorer):

@@ -88,8 +88,7 @@ def test_random_keypoints_lead_no_search_astray(index: MapIndex, tmp_path: Path,
                 with attacked._reading() as snapshot:
                     scores = snapshot.scores(text, model)
                     every = [segment.live for segment in snapshot.segments]
-                    with snapshot.ranking(text, model, 2, every) as ranking:
-                        best = ranking.best()[1]
+                    best = snapshot.ranking(text, model, 2, every).best()[1]
                 assert (scores.matched >= 0).all() and (scores.matched <= len(text)).all()
                 assert np.isfinite(scores.score).all() and len(best.score) <= len(scores.score)
 

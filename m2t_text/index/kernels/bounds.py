@@ -179,9 +179,24 @@ def _add_block(fine_tables: Any, g: Any, row: Any, column: Any, size: Any, room:
     return largest(room.total, OF_A_BLOCK)
 
 
+class Scratches(NamedTuple):
+    """Room for a map, of COARSE and of FINE, and how closely it is looked at.
+
+    Attributes:
+        coarse, fine: the two.
+        few: blocks of a group of views up to which they are looked at.
+        tight: whether the fine sums of both maps' keypoints count.
+    """
+
+    coarse: Scratch
+    fine: Scratch
+    few: int = FEW
+    tight: bool = False
+
+
 def coarse_bounds(
     texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any,
-    scratch: Scratch, bounds: Any, few: int = FEW,
+    scratches: Scratches, bounds: Any,
 ) -> None:  # fmt: skip
     """What |Q'| + |M'| of `agreement.agree` cannot exceed.
 
@@ -189,20 +204,27 @@ def coarse_bounds(
         texts: of a segment.
         documents: (K,) int64 their numbers.
         needed: (K,) the least |Q'| + |M'| of interest.
-        scratch: of COARSE.
+        scratches: for a map.
         bounds: (K,) int32 result, 0 where what is needed cannot be reached.
-        few: blocks of a group of views up to which the second stage follows at once.
     """
-    groups = len(tables.cells)
-    room = Room.of(texts, documents, tables.cells.shape[1], groups)
-    promising = np.zeros(groups, np.bool_)
-    _coarse_bounds(texts, documents, tables, fine_tables, needed, scratch, room, promising, few, bounds)
+    groups, query = len(tables.cells), max(tables.cells.shape[1], fine_tables.cells.shape[1])
+    room = Room.of(texts, documents, query, groups)
+    _bounds(texts, documents, tables, fine_tables, needed, scratches, room, np.zeros(groups, np.bool_), bounds)
+
+
+def fine_bounds(
+    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any,
+    scratches: Scratches, bounds: Any,
+) -> None:  # fmt: skip
+    """The same, tighter: of all blocks that may reach what is needed the third stage is taken, too."""
+    closer = scratches._replace(few=16, tight=True)
+    coarse_bounds(texts, documents, tables, fine_tables, needed, closer, bounds)
 
 
 @kernel
-def _coarse_bounds(
-    texts: Any, documents: Any, tables: Any, fine_tables: Any, needed: Any, scratch: Any, room: Any,
-    promising: Any, few: Any, bounds: Any,
+def _bounds(
+    texts: Any, documents: Any, tables: Any, fine_tables: Any, needed: Any, scratches: Any, room: Any,
+    promising: Any, bounds: Any,
 ) -> None:  # fmt: skip
     x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums
     for k in range(len(documents)):
@@ -216,18 +238,26 @@ def _coarse_bounds(
             hope = hope or promising[g]
         best = np.int64(0)
         if hope:
-            coarse_bitmaps(x, y, size, scratch, places)
+            coarse_bitmaps(x, y, size, scratches.coarse, places)
+            drawn = False
             for g in range(len(tables.cells)):
-                if promising[g]:
-                    steps = _add_both(tables, g, needed[k], scratch, sums[g], room)
-                    if _blocks(steps) > few:
-                        best = max(best, largest(room.total, ~U(0)) + tables.far)
-                    else:
-                        for block in range(16):
-                            row, column = block // 4, block % 4
-                            if some(_of_block(steps, row, column)):
-                                most = _add_block(fine_tables, g, row, column, size, room)
-                                best = max(best, most + tables.far)
+                if not promising[g]:
+                    continue
+                steps = _add_both(tables, g, needed[k], scratches.coarse, sums[g], room)
+                if _blocks(steps) > scratches.few:
+                    best = max(best, largest(room.total, ~U(0)) + tables.far)
+                    continue
+                for block in range(16):
+                    row, column = block // 4, block % 4
+                    if not some(_of_block(steps, row, column)):
+                        continue
+                    most = _add_block(fine_tables, g, row, column, size, room) + tables.far
+                    if scratches.tight and most >= needed[k]:
+                        if not drawn:
+                            fine_bitmaps(x, y, size, scratches.fine)
+                            drawn = True
+                        most = _add_fine(fine_tables, g, row, column, scratches.fine, room) + tables.far
+                    best = max(best, most)
         bounds[k] = best if best >= needed[k] else 0
 
 
@@ -241,46 +271,11 @@ def _add_both(tables: Any, g: Any, needed: Any, scratch: Any, there: Any, room: 
     return at_least(room.total, max(np.int64(needed) - tables.far, np.int64(0)))
 
 
-def fine_bounds(
-    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any,
-    coarse: Scratch, fine: Scratch, bounds: Any,
-) -> None:  # fmt: skip
-    """The same, tighter, where it matters: only offsets whose coarse bound reaches what is ``needed`` count.
-
-    Args:
-        needed: (K,) int32 the least |Q'| + |M'| of interest, 1 or more.
-        coarse, fine: scratch of COARSE and of FINE.
-        bounds: (K,) int32 result, 0 where no coarse bound reaches it.
-    """
-    room = Room.of(texts, documents, max(tables.cells.shape[1], fine_tables.cells.shape[1]), 1)
-    _fine_bounds(texts, documents, tables, fine_tables, needed, coarse, fine, room, bounds)
-
-
-@kernel
-def _fine_bounds(
-    texts: Any, documents: Any, tables: Any, fine_tables: Any, needed: Any, coarse: Any, fine: Any, room: Any,
-    bounds: Any,
-) -> None:  # fmt: skip
-    x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums[0]
-    for k in range(len(documents)):
-        size = cells_of(texts, documents[k], x, y)
-        coarse_bitmaps(x, y, size, coarse, places)
-        drawn = False
-        bounds[k] = 0
-        for g in range(len(tables.cells)):
-            count = _places(x, y, size, np.int64(0), np.int64(0), tables.masks, places)
-            _add_cells(tables.masks.rows[g], places, count, masks, sums)
-            steps = _add_both(tables, g, needed[k], coarse, sums, room)
-            for block in range(16):
-                row, column = block // 4, block % 4
-                if not some(_of_block(steps, row, column)):
-                    continue
-                if _add_block(fine_tables, g, row, column, size, room) + tables.far < needed[k]:
-                    continue
-                if not drawn:
-                    fine_bitmaps(x, y, size, fine)
-                    drawn = True
-                cells, zero = fine_tables.cells[g], np.int64(0)
-                move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
-                _add_windows(fine.window_bytes, cells, zero, len(cells), move, masks, room.block, zero)
-                bounds[k] = max(np.int64(bounds[k]), largest(room.block, OF_A_BLOCK) + tables.far)
+@inner
+def _add_fine(fine_tables: Any, g: Any, row: Any, column: Any, scratch: Any, room: Any) -> Any:
+    """Adds the fine sums of the query's keypoints in a block to ``room.block``, the map being drawn; returns
+    the largest."""
+    cells, zero = fine_tables.cells[g], np.int64(0)
+    move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
+    _add_windows(scratch.window_bytes, cells, zero, len(cells), move, room.masks, room.block, zero)
+    return largest(room.block, OF_A_BLOCK)

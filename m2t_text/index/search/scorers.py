@@ -98,18 +98,11 @@ class IntersectionScorer(WordScorer):
         return Scores(sums[rows, turn] / norms, count[rows, turn], alignment)
 
 
-class CoarseScratch(threading.local):
-    """Room for a map on the coarse grid, kept by each thread from one call to the next."""
+class Scratch(threading.local):
+    """Room for a map on both grids, kept by each thread from one call to the next."""
 
     def __init__(self) -> None:
-        self.room = COARSE.scratch()
-
-
-class FineScratch(threading.local):
-    """Room for a map on the fine grid, kept by each thread from one call to the next."""
-
-    def __init__(self) -> None:
-        self.room = FINE.scratch()
+        self.rooms = bounds.Scratches(COARSE.scratch(), FINE.scratch())
 
 
 class AgreementQuery:
@@ -155,8 +148,7 @@ class AgreementScorer:
     def __init__(self, query: AgreementQuery, whole: Collection) -> None:
         self._query = query
         self._whole = whole
-        self._coarse_scratch = CoarseScratch()
-        self._fine_scratch = FineScratch()
+        self._scratch = Scratch()
 
     def estimate(self, name: str, documents: Documents) -> Floats:
         shares = np.zeros(len(documents))
@@ -178,18 +170,16 @@ class AgreementScorer:
         if not self._bounded:
             return np.full(len(documents), float(len(self._query.seen.wa) > 0))
         needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
-        texts, room = self._texts(name), self._coarse_scratch.room
-        bounds.coarse_bounds(texts, documents, self._query.coarse, self._query.fine, needed, room, most)
+        texts, rooms = self._texts(name), self._scratch.rooms
+        bounds.coarse_bounds(texts, documents, self._query.coarse, self._query.fine, needed, rooms, most)
         return most / self._sizes(name, documents)
 
     def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
         if not self._bounded:
             return np.full(len(documents), float(len(self._query.seen.wa) > 0))
         needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
-        rooms = self._coarse_scratch.room, self._fine_scratch.room
-        bounds.fine_bounds(
-            self._texts(name), documents, self._query.coarse, self._query.fine, needed, *rooms, most
-        )
+        texts, rooms = self._texts(name), self._scratch.rooms
+        bounds.fine_bounds(texts, documents, self._query.coarse, self._query.fine, needed, rooms, most)
         return most / self._sizes(name, documents)
 
     @property

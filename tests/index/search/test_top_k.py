@@ -37,16 +37,18 @@ def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: 
     found, coarse = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
     agreement.agree(texts, documents, agreement.AgreementTables.of(seen, 10), both, matched, found)
     bounder = bound_tables.CoarseTables.of(seen)
-    finer, scratch = bound_tables.FineTables.of(seen, bounder), COARSE.scratch()
-    bounds.coarse_bounds(texts, documents, bounder, finer, np.zeros_like(both), scratch, coarse, few=0)
+    finer = bound_tables.FineTables.of(seen, bounder)
+    rooms = bounds.Scratches(COARSE.scratch(), FINE.scratch(), few=0)
+    closer = rooms._replace(few=16)
+    bounds.coarse_bounds(texts, documents, bounder, finer, np.zeros_like(both), rooms, coarse)
     early, tighter = np.zeros_like(coarse), np.zeros_like(coarse)
-    bounds.coarse_bounds(texts, documents, bounder, finer, both + 1, scratch, early, few=0)
+    bounds.coarse_bounds(texts, documents, bounder, finer, both + 1, rooms, early)
     assert ((early == coarse) | (early == 0)).all()
-    bounds.coarse_bounds(texts, documents, bounder, finer, np.maximum(both, 1), scratch, tighter, few=16)
+    bounds.coarse_bounds(texts, documents, bounder, finer, np.maximum(both, 1), closer, tighter)
     assert (tighter >= both).all()
     needed = np.maximum(np.full(len(maps), int(np.median(both)), dtype=np.int32), 1)
     fine = np.zeros(len(maps), dtype=np.int32)
-    bounds.fine_bounds(texts, documents, bounder, finer, needed, COARSE.scratch(), FINE.scratch(), fine)
+    bounds.fine_bounds(texts, documents, bounder, finer, needed, rooms, fine)
     return both, coarse, np.maximum(tighter, fine), fine, needed
 
 

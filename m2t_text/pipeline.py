@@ -59,11 +59,21 @@ def view_text(
 
     It has one token for each occupied cell, and one for each free square.
     """
-    cells = np.unique(np.floor(points / cell).astype(np.int64), axis=0)
+    cells = _cells_of(points, cell)
     middles = np.asarray((cells + 0.5) * cell, dtype=np.float64)
     words = polestar_words(middles, np.array(parameters.radii))
     squares = NO_SQUARES if free is None else free_squares(free, cells, cell)
     return replace(Text.of(cells[:, 0], cells[:, 1], words), free=squares)
+
+
+def _cells_of(points: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
+    """(M, 2) the different cells in which the points (N, 2) lie, by (x, y)."""
+    x, y = np.floor(points.T / cell).astype(np.int64)
+    order = np.lexsort((y, x))
+    x, y = x[order], y[order]
+    first = np.ones(len(x), dtype=np.bool_)
+    first[1:] = (x[1:] != x[:-1]) | (y[1:] != y[:-1])
+    return np.column_stack([x[first], y[first]])
 
 
 def describe_log(

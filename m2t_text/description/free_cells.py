@@ -1,5 +1,6 @@
 """From what beams passed to the free squares of a text."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, CellGrid, FreeSquares
 from m2t_text.util.compiling import inner, kernel
 from m2t_text.util.geometry import between, compose
-from m2t_text.util.types import Floats, Ints
+from m2t_text.util.types import Floats
 
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -18,6 +19,7 @@ CLEARANCE = 0.2  # m about what is occupied, in which nothing is free, whatever 
 RIM = 0.4  # m about what is occupied, in which no beam need have passed the cells beside a free one
 EDGE = 1e-6  # cells; nearer to the edge of a grid nothing is looked up, as rounding might lead beyond it
 MIN_NEW_CELLS = 8  # cells that no other square covers, for which a square is written
+TAKEN = -1  # instead of what a square adds
 EASING = 0.9  # from one round of choosing squares to the next: what they must add
 
 
@@ -87,13 +89,13 @@ def _resampled(free: FreeSpace, cell: float) -> CellGrid:
     """The cells of an upright grid whose middles are free; those at its border are not."""
     pose, scale = np.asarray(free.pose, dtype=float), free.cell / cell
     left, low, right, high = bounding_box(free.cells)
-    c, s = np.cos(pose[2]) * scale, np.sin(pose[2]) * scale
-    i, j = np.array([left, left, right, right]), np.array([low, high, low, high])
-    corners = np.column_stack([c * i - s * j, s * i + c * j]) + pose[:2] / cell
-    begin = np.floor(corners.min(axis=0)).astype(int) - 1
-    width, height = (np.ceil(corners.max(axis=0)).astype(int) + 1 - begin).tolist()
-    found = np.zeros((width, height), dtype=np.bool_)
-    x, y = begin.tolist()
+    begin_x, begin_y, angle = pose.tolist()
+    c, s = math.cos(angle) * scale, math.sin(angle) * scale
+    corners = [(i, j) for i in (left, right) for j in (low, high)]
+    across = [c * i - s * j + begin_x / cell for i, j in corners]
+    up = [s * i + c * j + begin_y / cell for i, j in corners]
+    x, y = math.floor(min(across)) - 1, math.floor(min(up)) - 1
+    found = np.zeros((math.ceil(max(across)) + 1 - x, math.ceil(max(up)) + 1 - y), dtype=np.bool_)
     _look_up(free.cells, pose, free.cell, cell, x, y, found)
     return CellGrid(x, y, found)
 
@@ -110,7 +112,7 @@ def _look_up(cells: Mask, pose: Floats, own: float, cell: float, x: int, y: int,
         first, last = _within(j, c, cells.shape[1], first, last)
         row = found[k]
         for m in range(first, last):
-            row[m] = cells[int(i + m * s), int(j + m * c)]
+            row[m] = cells[math.floor(i + m * s), math.floor(j + m * c)]
 
 
 @kernel
@@ -118,17 +120,14 @@ def bounding_box(cells: Mask) -> tuple[int, int, int, int]:
     """Least x and y of the marked cells, and those just beyond the greatest; all 0 where there are none."""
     left, low, right, high = cells.shape[0], cells.shape[1], 0, 0
     for i in range(cells.shape[0]):
-        row = cells[i]
-        for j in range(min(low, len(row))):
-            if row[j]:
-                low = j
-                break
-        for j in range(len(row) - 1, high - 1, -1):
-            if row[j]:
-                high = j + 1
-                break
-        if row.any():
-            left, right = min(left, i), i + 1
+        row, begin, end = cells[i], 0, cells.shape[1]
+        while begin < end and not row[begin]:
+            begin += 1
+        if begin == end:
+            continue
+        while not row[end - 1]:
+            end -= 1
+        left, low, right, high = min(left, i), min(low, begin), i + 1, max(high, end)
     return (left, low, right, high) if right else (0, 0, 0, 0)
 
 
@@ -138,7 +137,7 @@ def _within(begin: float, step: float, length: int, first: int, last: int) -> tu
     least, most = (EDGE - begin, length - EDGE - begin) if step >= 0 else (begin - length + EDGE, begin - EDGE)
     if abs(step) * last < EDGE:
         return (first, last) if least <= 0 <= most else (first, first)
-    return max(first, int(np.ceil(least / abs(step)))), min(last, int(np.floor(most / abs(step))) + 1)
+    return max(first, math.ceil(least / abs(step))), min(last, math.floor(most / abs(step)) + 1)
 
 
 def _clear_of(passed: Mask, occupied: Cells, clearance: float, rim: float) -> Mask:
@@ -168,9 +167,9 @@ def _clear(free: Mask, told: Mask, told_beside: Mask, clear: Mask) -> None:
 @kernel
 def _mark(cells: Mask, middles: Cells, radius: float, mark: bool) -> None:
     """Marks all cells whose middles lie within a radius of some cells' (N, 2)."""
-    reach = int(radius)
+    reach = math.floor(radius)
     for a in range(-reach, reach + 1):
-        half = int(np.sqrt(radius * radius - a * a))
+        half = math.floor(math.sqrt(radius * radius - a * a))
         for k in range(len(middles)):
             i = middles[k, 0] + a
             if 0 <= i < cells.shape[0]:
@@ -184,55 +183,75 @@ def _squares(cells: Mask) -> Squares:
     Each is a greatest one, which no other square of marked cells holds. Those still wanted are gone through in
     rounds, each of which takes what adds at least so many cells: a little less in each round.
     """
-    x, y, side = _greatest_squares(cells)
-    if not len(side):
-        return x, y, side
-    adds, taken = side * side, np.zeros(len(side), dtype=np.bool_)  # so many cells at most
-    _take(cells.copy(), x, y, side, adds, taken, float(adds.max()))
-    return x[taken], y[taken], side[taken]
+    sides = np.zeros((cells.shape[0] + 1, cells.shape[1] + 1), dtype=np.int64)
+    squares = np.empty((cells.size, 4), dtype=np.int64)
+    squares = squares[: _grow(cells, sides, squares)]
+    taken = squares[: _take(cells.copy(), squares)]
+    return taken[:, 0], taken[:, 1], taken[:, 2]
 
 
 @kernel
-def _take(left: Mask, x: Ints, y: Ints, side: Ints, adds: Ints, taken: Mask, wanted: float) -> None:
-    """Takes squares that add many cells to those taken before, and unmarks these cells."""
-    while wanted >= MIN_NEW_CELLS:
-        wanted *= EASING
-        for k in range(len(side)):
-            if adds[k] >= max(wanted, MIN_NEW_CELLS) and not taken[k]:
-                adds[k] = _marked(left, x[k], y[k], side[k])
-                if adds[k] >= max(wanted, MIN_NEW_CELLS):
-                    taken[k] = True
-                    for i in range(x[k], x[k] + side[k]):
-                        for j in range(y[k], y[k] + side[k]):
-                            left[i, j] = False
+def _grow(cells: Mask, sides: Cells, squares: Cells) -> int:
+    """Writes the greatest squares, by (x, y), and returns their number.
 
-
-def _greatest_squares(cells: Mask) -> Squares:
-    """All squares of marked cells that no larger one holds, of the least side at least, by (x, y)."""
-    sides = np.zeros((cells.shape[0] + 1, cells.shape[1] + 1), dtype=np.int16)
-    found = np.zeros(sides.shape, dtype=np.bool_)
-    _grow(cells, sides, found)
-    x, y = map(np.ascontiguousarray, np.nonzero(found))
-    return x, y, sides[x, y].astype(np.int64)
-
-
-@kernel
-def _grow(cells: Mask, sides: NDArray[np.int16], found: Mask) -> None:
-    """Of each cell the side of the greatest square of marked ones with this lower corner, and whether no other
-    holds it; both arrays are 0, and one cell wider and higher."""
+    Args:
+        sides: room for the side of the greatest square with each lower corner: 0, one cell wider and higher.
+        squares: (N, 4) room for x and y of the lower corner, the side, and how many cells each adds at most.
+    """
     for i in range(cells.shape[0] - 1, -1, -1):
         for j in range(cells.shape[1] - 1, -1, -1):
             if cells[i, j]:
-                sides[i, j] = 1 + min(sides[i + 1, j], sides[i, j + 1], sides[i + 1, j + 1], MAX_SIDE - 1)
+                least = min(sides[i + 1, j], sides[i, j + 1])
+                least = min(least, sides[i + 1, j + 1])
+                sides[i, j] = min(least + 1, MAX_SIDE)
+    n = 0
     for i in range(cells.shape[0]):
         for j in range(cells.shape[1]):
-            here = sides[i, j]
-            held = (
-                (i > 0 and sides[i - 1, j] > here)
-                or (j > 0 and sides[i, j - 1] > here)
-                or (i > 0 and j > 0 and sides[i - 1, j - 1] > here)
-            )
-            found[i, j] = here >= MIN_SIDE and not held
+            side = sides[i, j]
+            if side >= MIN_SIDE and not _held(sides, i, j):
+                squares[n, 0], squares[n, 1], squares[n, 2], squares[n, 3] = i, j, side, side * side
+                n += 1
+    return n
+
+
+@inner
+def _held(sides: Cells, i: int, j: int) -> bool:
+    """Whether a larger square holds the greatest one with this lower corner."""
+    return (
+        (i > 0 and sides[i - 1, j] > sides[i, j])
+        or (j > 0 and sides[i, j - 1] > sides[i, j])
+        or (i > 0 and j > 0 and sides[i - 1, j - 1] > sides[i, j])
+    )
+
+
+@kernel
+def _take(left: Mask, squares: Cells) -> int:
+    """Moves the squares that are taken to the front of ``squares`` (N, 4), by (x, y), and returns their number.
+
+    Those of `_grow` are given; the cells of ``left`` are unmarked that a square covers that is taken.
+    """
+    most = 0
+    for k in range(len(squares)):
+        most = max(most, squares[k, 3])
+    wanted = float(most)
+    while wanted >= MIN_NEW_CELLS:
+        wanted *= EASING
+        least = max(math.ceil(wanted), MIN_NEW_CELLS)
+        for k in range(len(squares)):
+            if squares[k, 3] >= least:
+                x, y, side = squares[k, 0], squares[k, 1], squares[k, 2]
+                squares[k, 3] = _marked(left, x, y, side)
+                if squares[k, 3] >= least:
+                    squares[k, 3] = TAKEN
+                    for i in range(x, x + side):
+                        for j in range(y, y + side):
+                            left[i, j] = False
+    n = 0
+    for k in range(len(squares)):
+        if squares[k, 3] == TAKEN:
+            squares[n, 0], squares[n, 1], squares[n, 2] = squares[k, 0], squares[k, 1], squares[k, 2]
+            n += 1
+    return n
 
 
 @inner

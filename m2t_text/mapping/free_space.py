@@ -6,7 +6,8 @@ passes glass that others hit, and people walk through where other beams saw noth
 was hit on the run are not free, whatever passed them; see `free_squares`.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from m2t_text.util.types import Floats
 
 SHORT_OF_HIT = 0.25  # m before what a beam hit: its error, and that of the poses on one run
 NEAR_MAXIMUM = 0.98  # of the longest reading so far; longer ones may mean that nothing came back
+MARGIN = 50  # cells about what a run's scans saw, where later ones may see, too
 GAP = 2.0  # cells between two beams that both pass, within which nothing is thought to hide
 
 
@@ -78,7 +80,10 @@ def longest_reading(scan: Scan) -> float:
 
 
 class FreeScans:
-    """What each scan of a survey saw to be free, made when it is first asked for: maps that overlap share it.
+    """What the scans of a survey saw to be free, run by run.
+
+    Runs that overlap share most of their scans. So it is counted how many scans of the run passed each cell,
+    and for the next run only those are counted off, or in, that are not in both.
 
     Args:
         beams: of the scans.
@@ -92,27 +97,54 @@ class FreeScans:
         self._lasers = compose(trajectory, beams.laser)
         self._cell = cell
         self._passed: dict[int, CellGrid] = {}
+        self._boxes: dict[int, tuple[int, int, int, int]] = {}  # of the same scans
+        self._corner, self._counts = (0, 0), np.zeros((0, 0), dtype=np.int32)
 
     def together(self, scans: NDArray[np.int64]) -> FreeSpace:
-        """What was seen on a run, in the robot frame of its first scan. Earlier scans are forgotten."""
-        for scan in [scan for scan in self._passed if scan < scans[0]]:
-            del self._passed[scan]
-        parts = [self._of(scan) for scan in scans.tolist()]
-        x, y = min(part.x for part in parts), min(part.y for part in parts)
-        width = max(part.x + part.cells.shape[0] for part in parts) - x
-        height = max(part.y + part.cells.shape[1] for part in parts) - y
-        cells = np.zeros((width, height), dtype=np.bool_)
-        for part in parts:
-            _add(cells, part.cells, part.x - x, part.y - y)
-        corner = np.array([x * self._cell, y * self._cell, 0.0])
-        return FreeSpace(cells, between(self._trajectory[scans[0]], corner), self._cell)
+        """What was seen on a run, in the robot frame of its first scan."""
+        run = set(scans.tolist())
+        for scan in self._passed.keys() - run:
+            self._count(self._passed.pop(scan), self._boxes.pop(scan), -1)
+        for scan in sorted(run - self._passed.keys()):
+            part = self._of(scan)
+            box = (part.x, part.y, part.x + part.cells.shape[0], part.y + part.cells.shape[1])
+            self._make_room(box)
+            self._count(part, box, 1)
+            self._passed[scan], self._boxes[scan] = part, box
+        box = _around(self._boxes.values())
+        corner = np.array([box[0] * self._cell, box[1] * self._cell, 0.0])
+        return FreeSpace(self._part(box) > 0, between(self._trajectory[scans[0]], corner), self._cell)
 
     def _of(self, scan: int) -> CellGrid:
-        if scan not in self._passed:
-            part, laser = slice(*self._beams.starts[scan : scan + 2]), self._lasers[scan]
-            bearings, lengths = self._beams.bearings[part], self._beams.lengths[part]
-            self._passed[scan] = _passed(laser, bearings, lengths, self._cell)
-        return self._passed[scan]
+        part, laser = slice(*self._beams.starts[scan : scan + 2]), self._lasers[scan]
+        return _passed(laser, self._beams.bearings[part], self._beams.lengths[part], self._cell)
+
+    def _count(self, part: CellGrid, box: tuple[int, int, int, int], times: int) -> None:
+        counts = self._part(box)
+        counts += times * part.cells.view(np.int8)
+
+    def _part(self, box: tuple[int, int, int, int]) -> NDArray[np.int32]:
+        """The counts of a part of the plane."""
+        x, y = self._corner
+        return self._counts[box[0] - x : box[2] - x, box[1] - y : box[3] - y]
+
+    def _make_room(self, box: tuple[int, int, int, int]) -> None:
+        """Counts anew in a larger part of the plane, unless this one holds a box."""
+        x, y = self._corner
+        width, height = self._counts.shape
+        if x <= box[0] and y <= box[1] and box[2] <= x + width and box[3] <= y + height:
+            return
+        left, low, right, high = _around([*self._boxes.values(), box])
+        self._corner = (left - MARGIN, low - MARGIN)
+        self._counts = np.zeros((right - left + 2 * MARGIN, high - low + 2 * MARGIN), dtype=np.int32)
+        for scan, part in self._passed.items():
+            self._count(part, self._boxes[scan], 1)
+
+
+def _around(boxes: Iterable[tuple[int, int, int, int]]) -> tuple[int, int, int, int]:
+    """The least box that holds some."""
+    left, low, right, high = zip(*boxes, strict=True)
+    return min(left), min(low), max(right), max(high)
 
 
 def _passed(laser: Floats, bearings: Floats, lengths: Floats, cell: float) -> CellGrid:
@@ -149,14 +181,5 @@ def _walk_beams(
 def _walk(cells: Mask, x: float, y: float, bearing: float, begin: float, end: float) -> None:
     """Marks the cells at every step of one cell along a beam."""
     c, s = np.cos(bearing), np.sin(bearing)
-    for step in range(int(np.ceil(begin)), int(end) + 1 if end > 0 else 0):
-        cells[int(x + step * c), int(y + step * s)] = True
-
-
-@kernel
-def _add(cells: Mask, part: Mask, x: int, y: int) -> None:
-    """Marks the cells of a part that begins at the cell (x, y)."""
-    for i in range(part.shape[0]):
-        whole, added = cells[x + i, y : y + part.shape[1]], part[i]
-        for j in range(len(added)):
-            whole[j] |= added[j]
+    for step in range(math.ceil(begin), math.floor(end) + 1 if end > 0 else 0):
+        cells[math.floor(x + step * c), math.floor(y + step * s)] = True

@@ -162,58 +162,66 @@ def occupied(
     points: Floats, starts: NDArray[np.int64], scans: NDArray[np.int64], poses: Floats, cell: float
 ) -> Floats:
     """Mean hit of every occupied cell, (N, 2), ordered by cell, of the ``scans`` placed at ``poses`` (K, 3)."""
-    placed = np.empty((int((starts[scans + 1] - starts[scans]).sum()), 2))
-    if not len(placed):
-        return placed
-    box = np.array([np.inf, np.inf, -np.inf, -np.inf])
-    _place(np.ascontiguousarray(points), starts, scans, np.ascontiguousarray(poses), placed, box)
-    left, low, right, high = np.floor(box / cell).tolist()
-    width, height = int(right - left) + 1, int(high - low) + 1
-    sums = np.zeros((width * height, 3))
-    _sum_hits(placed, left, low, cell, height, sums)
-    means = np.empty((len(placed), 2))
-    return means[: _mean_hits(sums, means)].copy()
+    count = int((starts[scans + 1] - starts[scans]).sum())
+    if not count:
+        return np.empty((0, 2))
+    x, y = np.empty(count), np.empty(count)
+    _place(np.ascontiguousarray(points), starts, scans, np.ascontiguousarray(poses), x, y)
+    left, low, right, high = (math.floor(end / cell) for end in (x.min(), y.min(), x.max(), y.max()))
+    width, height = right - left + 1, high - low + 1
+    numbers = np.zeros(width * height, dtype=np.int32)
+    sums, means = np.empty((count, 3)), np.empty((count, 2))
+    return means[: _mean_hits(x, y, left, low, cell, height, numbers, sums, means)].copy()
 
 
 @kernel
 def _place(
-    points: Floats,
-    starts: NDArray[np.int64],
-    scans: NDArray[np.int64],
-    poses: Floats,
-    placed: Floats,
-    box: Floats,
+    points: Floats, starts: NDArray[np.int64], scans: NDArray[np.int64], poses: Floats, x: Floats, y: Floats
 ) -> None:
-    """Writes all hits of the scans, placed at their poses, to ``placed`` (N, 2), and widens their box (4,)."""
+    """Writes where all hits (N,) of the scans are, placed at their poses."""
     n = 0
     for k in range(len(scans)):
         c, s = np.cos(poses[k, 2]), np.sin(poses[k, 2])
         for i in range(starts[scans[k]], starts[scans[k] + 1]):
-            x = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
-            y = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
-            placed[n, 0], placed[n, 1] = x, y
-            box[0], box[1], box[2], box[3] = min(box[0], x), min(box[1], y), max(box[2], x), max(box[3], y)
+            x[n] = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
+            y[n] = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
             n += 1
 
 
 @kernel
-def _sum_hits(placed: Floats, left: float, low: float, cell: float, height: int, sums: Floats) -> None:
-    """Adds the x, the y and the number of the hits in each cell to ``sums`` (columns * height, 3)."""
-    for i in range(len(placed)):
-        x, y = placed[i, 0], placed[i, 1]
-        slot = int(np.floor(x / cell) - left) * height + int(np.floor(y / cell) - low)
-        sums[slot, 0] += x
-        sums[slot, 1] += y
-        sums[slot, 2] += 1
+def _mean_hits(
+    x: Floats,
+    y: Floats,
+    left: int,
+    low: int,
+    cell: float,
+    height: int,
+    numbers: NDArray[np.int32],
+    sums: Floats,
+    means: Floats,
+) -> int:
+    """Writes the mean hit of each cell that has one, in their order, and returns the number of these cells.
 
-
-@kernel
-def _mean_hits(sums: Floats, means: Floats) -> int:
-    """Writes the mean hit of each cell that has one, in their order, and returns the number of these cells."""
+    Args:
+        numbers: (columns * height,) room for the numbers of the cells, in the order in which they are met, from
+            1; 0 at first. The sums lie close together so.
+        sums: (N, 3) room for the x, the y and the number of the hits in each.
+    """
+    met = 0
+    for i in range(len(x)):
+        slot = (math.floor(x[i] / cell) - left) * height + math.floor(y[i] / cell) - low
+        if numbers[slot] == 0:
+            sums[met, 0], sums[met, 1], sums[met, 2] = 0.0, 0.0, 0.0
+            met += 1
+            numbers[slot] = met
+        k = numbers[slot] - 1
+        sums[k, 0] += x[i]
+        sums[k, 1] += y[i]
+        sums[k, 2] += 1
     n = 0
-    for slot in range(len(sums)):
-        if sums[slot, 2] > 0:
-            means[n, 0] = sums[slot, 0] / sums[slot, 2]
-            means[n, 1] = sums[slot, 1] / sums[slot, 2]
+    for slot in range(len(numbers)):
+        if numbers[slot] > 0:
+            k = numbers[slot] - 1
+            means[n, 0], means[n, 1] = sums[k, 0] / sums[k, 2], sums[k, 1] / sums[k, 2]
             n += 1
-    return n
+    return met

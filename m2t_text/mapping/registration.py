@@ -31,6 +31,7 @@ SEARCH_STEP = 0.1  # m; grid of the search
 ANGLE_STEP = math.radians(1.0)
 POINT_SIGMA = 0.03  # m; noise of a point about its line
 CORRELATION = 10.0  # neighbouring beams err together: so many points count as one
+ROUNDING = 1e-9  # m; more than what is lost where a distance is computed
 ITERATIONS = 12
 REACHES = np.array([max(0.4 * 0.75**k, 0.12) for k in range(ITERATIONS)])  # m; of neighbours
 
@@ -40,12 +41,13 @@ class Grids(threading.local):
 
     Attributes:
         likelihood: (SIDE, SIDE) of a hit in each cell.
-        head: (SIDE, SIDE) the last reference point in each cell, -1 if there is none; see `_bucket`.
+        head: (SIDE, SIDE) the last reference point in each cell, -1 if there is none; see `_bucket`. It is -1
+            everywhere from one call to the next.
     """
 
     def __init__(self) -> None:
         self.likelihood = np.empty((SIDE, SIDE), dtype=np.float32)
-        self.head = np.empty((SIDE, SIDE), dtype=np.int32)
+        self.head = np.full((SIDE, SIDE), -1, dtype=np.int32)
 
 
 _grids = Grids()
@@ -58,9 +60,9 @@ def _likelihood(reference: Floats, grid: NDArray[np.float32]) -> None:
         for y in range(SIDE):
             grid[x, y] = 0.0
     for k in range(len(reference)):
-        cx = int(math.floor(reference[k, 0] / CELL)) + HALF
-        cy = int(math.floor(reference[k, 1] / CELL)) + HALF
-        if BLUR <= cx < SIDE - BLUR and BLUR <= cy < SIDE - BLUR:
+        cx = math.floor(reference[k, 0] / CELL) + HALF
+        cy = math.floor(reference[k, 1] / CELL) + HALF
+        if BLUR <= cx < SIDE - BLUR and BLUR <= cy < SIDE - BLUR and grid[cx, cy] < 1.0:  # else it was done
             for i in range(2 * BLUR + 1):
                 for j in range(2 * BLUR + 1):
                     x, y = cx + i - BLUR, cy + j - BLUR
@@ -70,37 +72,35 @@ def _likelihood(reference: Floats, grid: NDArray[np.float32]) -> None:
 
 @inner
 def _search(
-    grid: NDArray[np.float32],
-    scan: Floats,
-    window: float,
-    turn: float,
-    sigma: Floats,
-    cells: NDArray[np.int64],
-    best: Floats,
+    grid: NDArray[np.float32], scan: Floats, turn: float, sigma: Floats, totals: Floats, best: Floats
 ) -> None:
     """Writes the best pose near the predicted one (the origin) on a lattice, by likelihood and prior.
 
-    The ``cells`` (N, 2) are room to work in.
+    The ``totals`` (2 * S + 1, 2 * S + 1) are room to work in; S is the number of steps to each side.
     """
     best_score = -1e18
-    steps = int(math.ceil(window / SEARCH_STEP))
-    turns = int(math.ceil(turn / ANGLE_STEP))
-    n = len(scan)
+    side = len(totals)
+    steps = side // 2
+    turns = math.ceil(turn / ANGLE_STEP)
     for t in range(-turns, turns + 1):
         angle = t * ANGLE_STEP
         c, s = math.cos(angle), math.sin(angle)
-        for k in range(n):
-            cells[k, 0] = int(math.floor((c * scan[k, 0] - s * scan[k, 1]) / CELL)) + HALF
-            cells[k, 1] = int(math.floor((s * scan[k, 0] + c * scan[k, 1]) / CELL)) + HALF
+        for i in range(side):
+            for j in range(side):
+                totals[i, j] = 0.0
+        for k in range(len(scan)):  # to all totals in turn: each has to wait until the last point is added
+            x = math.floor((c * scan[k, 0] - s * scan[k, 1]) / CELL) + HALF - steps
+            y = math.floor((s * scan[k, 0] + c * scan[k, 1]) / CELL) + HALF - steps
+            first = max(0, -y)
+            last = max(first, min(side, SIDE - y))
+            for i in range(max(0, -x), min(side, SIDE - x)):
+                row, total = grid[x + i, y + first : y + last], totals[i, first:last]
+                for j in range(len(total)):
+                    total[j] += row[j]
         for dx in range(-steps, steps + 1):
             for dy in range(-steps, steps + 1):
-                total = 0.0
-                for k in range(n):
-                    x, y = cells[k, 0] + dx, cells[k, 1] + dy
-                    if 0 <= x < SIDE and 0 <= y < SIDE:
-                        total += grid[x, y]
                 off = (dx * dx + dy * dy) * SEARCH_STEP**2 / sigma[0] ** 2 + (angle / sigma[1]) ** 2
-                score = total / CORRELATION - 0.5 * off
+                score = totals[dx + steps, dy + steps] / CORRELATION - 0.5 * off
                 if score > best_score:
                     best_score = score
                     best[0], best[1], best[2] = dx * SEARCH_STEP, dy * SEARCH_STEP, angle
@@ -109,27 +109,42 @@ def _search(
 @inner
 def _bucket(reference: Floats, head: NDArray[np.int32], link: NDArray[np.int32]) -> None:
     """Chains the points in each cell: ``head`` has the last one's number, ``link`` that of the one before."""
-    for x in range(SIDE):
-        for y in range(SIDE):
-            head[x, y] = -1
     for k in range(len(reference)):
-        cx = int(math.floor(reference[k, 0] / CELL)) + HALF
-        cy = int(math.floor(reference[k, 1] / CELL)) + HALF
+        cx = math.floor(reference[k, 0] / CELL) + HALF
+        cy = math.floor(reference[k, 1] / CELL) + HALF
         if 0 <= cx < SIDE and 0 <= cy < SIDE:
             link[k] = head[cx, cy]
             head[cx, cy] = k
 
 
 @inner
+def _empty(reference: Floats, head: NDArray[np.int32]) -> None:
+    """Makes ``head`` what it was before `_bucket`: that takes less time than to clear all of it."""
+    for k in range(len(reference)):
+        cx = math.floor(reference[k, 0] / CELL) + HALF
+        cy = math.floor(reference[k, 1] / CELL) + HALF
+        if 0 <= cx < SIDE and 0 <= cy < SIDE:
+            head[cx, cy] = -1
+
+
+@inner
 def _nearest(
     x: float, y: float, reach: float, reference: Floats, head: NDArray[np.int32], link: NDArray[np.int32]
 ) -> int:
-    """The number of the reference point nearest to (x, y) and nearer than ``reach``, or -1."""
-    cells = int(math.ceil(reach / CELL))
-    cx, cy = int(math.floor(x / CELL)) + HALF, int(math.floor(y / CELL)) + HALF
+    """The number of the reference point nearest to (x, y) and nearer than ``reach``, or -1.
+
+    Any point in the same cell shows how near it is at least, so that few cells are left to look into.
+    """
+    cx, cy = math.floor(x / CELL) + HALF, math.floor(y / CELL) + HALF
     best, best_distance = -1, reach * reach
-    for i in range(max(cx - cells, 0), min(cx + cells + 1, SIDE)):
-        for j in range(max(cy - cells, 0), min(cy + cells + 1, SIDE)):
+    within = reach
+    if 0 <= cx < SIDE and 0 <= cy < SIDE and head[cx, cy] >= 0:
+        dx, dy = reference[head[cx, cy], 0] - x, reference[head[cx, cy], 1] - y
+        within = min(reach, math.sqrt(dx * dx + dy * dy) + ROUNDING)
+    left, right = math.floor((x - within) / CELL) + HALF, math.floor((x + within) / CELL) + HALF
+    low, high = math.floor((y - within) / CELL) + HALF, math.floor((y + within) / CELL) + HALF
+    for i in range(max(left, 0), min(right + 1, SIDE)):
+        for j in range(max(low, 0), min(high + 1, SIDE)):
             k = head[i, j]
             while k >= 0:
                 dx, dy = reference[k, 0] - x, reference[k, 1] - y
@@ -229,11 +244,11 @@ def register(
     Returns:
         The pose (3,) of the scan in the predicted frame, and the share of points that found a partner.
     """
-    cells, link = np.empty((len(scan), 2), dtype=np.int64), np.empty(len(reference), dtype=np.int32)
-    pose = np.zeros(3)
+    side = 2 * math.ceil(window / SEARCH_STEP) + 1
+    totals, link, pose = np.empty((side, side)), np.empty(len(reference), dtype=np.int32), np.zeros(3)
     inliers = _register(
         np.ascontiguousarray(reference), np.ascontiguousarray(reference_normals), np.ascontiguousarray(scan),
-        float(window), float(turn), sigma, _grids.likelihood, cells, _grids.head, link, pose,
+        float(turn), sigma, _grids.likelihood, totals, _grids.head, link, pose,
     )  # fmt: skip
     return pose, inliers
 
@@ -243,21 +258,22 @@ def _register(
     reference: Floats,
     reference_normals: Floats,
     scan: Floats,
-    window: float,
     turn: float,
     sigma: Floats,
     grid: NDArray[np.float32],
-    cells: NDArray[np.int64],
+    totals: Floats,
     head: NDArray[np.int32],
     link: NDArray[np.int32],
     pose: Floats,
 ) -> float:
     """The inlier ratio of `register`; ``pose`` (3,) is 0 at first; the other new arrays are room to work in."""
-    if window > 0:
+    if len(totals) > 1:
         _likelihood(reference, grid)
-        _search(grid, scan, window, turn, sigma, cells, pose)
+        _search(grid, scan, turn, sigma, totals, pose)
     _bucket(reference, head, link)
-    return _refine(reference, reference_normals, scan, sigma, head, link, pose)
+    inliers = _refine(reference, reference_normals, scan, sigma, head, link, pose)
+    _empty(reference, head)
+    return inliers
 
 
 def refine(reference: Floats, reference_normals: Floats, scan: Floats, sigma: Floats, poses: Floats) -> Floats:
@@ -284,6 +300,7 @@ def _refine_all(
     _bucket(reference, head, link)
     for k in range(len(poses)):
         inliers[k] = _refine(reference, reference_normals, scan, sigma, head, link, poses[k])
+    _empty(reference, head)
 
 
 def likelihood_grid() -> NDArray[np.float32]:
@@ -320,6 +337,7 @@ def _within(
     _bucket(reference, head, link)
     for k in range(len(points)):
         near[k] = _nearest(points[k, 0], points[k, 1], reach, reference, head, link) >= 0
+    _empty(reference, head)
 
 
 def fit(
@@ -378,4 +396,5 @@ def _fit(
         for i in range(3):
             for j in range(3):
                 hessian[i, j] += w * slope[i] * slope[j]
+    _empty(reference, head)
     return squares, held, inliers

@@ -1,5 +1,6 @@
 """A scan as scan matching sees it: points, and the directions of the walls that they lie on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,21 @@ class ScanCloud:
         return ScanCloud(np.concatenate([points, self.points[-1:]]), np.concatenate([walls, self.normals[-1:]]))
 
 
+def joined(clouds: Sequence[ScanCloud], poses: Floats) -> ScanCloud:
+    """All of some clouds in the frame in which their ``poses`` (K, 3) are given; as if each were moved."""
+    sizes = [len(cloud.points) for cloud in clouds]
+    points, walls = np.empty((sum(sizes), 2)), np.empty((sum(sizes), 2))
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turns = np.stack([c, s, -s, c], axis=1).reshape(-1, 2, 2)
+    end = 0
+    for cloud, turn, size in zip(clouds, turns, sizes, strict=True):
+        part, end = slice(end, end + size), end + size
+        np.matmul(cloud.points, turn, out=points[part])
+        np.matmul(cloud.normals, turn, out=walls[part])
+    points += np.repeat(poses[:, :2], sizes, axis=0)
+    return ScanCloud(points, walls)
+
+
 def scan_points(scan: Scan, laser_pose: Floats, range_limit: float) -> Floats:
     """(N, 2) hits of a scan within the range limit, in the robot's frame, in beam order."""
     hit = (scan.ranges > 0) & (scan.ranges <= range_limit)
@@ -77,5 +93,10 @@ def scan_cloud(scan: Scan, laser_pose: Floats) -> ScanCloud:
 
 def _thinned(points: Floats) -> Ints:
     """Indices of points that are at least THIN apart along the scan."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) if len(points) else points
-    return np.unique(np.floor(along / THIN), return_index=True)[1]
+    if not len(points):
+        return np.empty(0, dtype=np.int64)
+    steps = np.diff(points, axis=0)
+    place = np.zeros(len(points))
+    np.cumsum(np.hypot(steps[:, 0], steps[:, 1]), out=place[1:])
+    slots = np.floor(place / THIN)
+    return np.flatnonzero(np.concatenate([[True], slots[1:] > slots[:-1]]))

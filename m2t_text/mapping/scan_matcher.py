@@ -8,7 +8,7 @@ import numpy as np
 
 from m2t_text.logs.log import Scan
 from m2t_text.mapping.registration import fit, register
-from m2t_text.mapping.scan_cloud import ScanCloud, scan_cloud
+from m2t_text.mapping.scan_cloud import ScanCloud, joined, scan_cloud
 from m2t_text.mapping.wheel_slip import WheelSlip
 from m2t_text.mapping.wide_search import register_widely
 from m2t_text.util.geometry import between, compose, wrap
@@ -141,10 +141,8 @@ class ScanMatcher:
         keys = list(self._keys)
         near = [key for key in keys if self._way - key.way <= reach]
         recent = near if len(near) >= least else keys[-least:]
-        parts = [key.cloud.moved(between(predicted, key.pose)) for key in recent]
-        return ScanCloud(
-            np.concatenate([part.points for part in parts]), np.concatenate([part.normals for part in parts])
-        )
+        poses = between(predicted, np.array([key.pose for key in recent]))
+        return joined([key.cloud for key in recent], poses)
 
 
 def _found(seen: ScanCloud, cloud: ScanCloud, sigma: Floats) -> tuple[Floats, float]:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # each core has its own worker, which therefore needs no threads
+    os.environ["M2T_THREADS"] = "1"
+
 RADISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "radish"
 
 
@@ -53,6 +56,16 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of the first dozen metres of such a drive, also ``drive.log``."""
+    from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
+
+    path = tmp_path_factory.mktemp("short") / "drive.log"
+    write_carmen(simulate(Simulation(seed=3, length=24.0, travel=12.0)), path)
+    return path
+
+
+@pytest.fixture(scope="session")
 def simulated_index(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an index of that drive; not to be changed."""
     from m2t_text.sources.indexing import IndexRequest, index_sources
@@ -68,7 +81,7 @@ def circuit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 
     path = tmp_path_factory.mktemp("circuit") / "circuit.log"
-    write_carmen(simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25)), path)
+    write_carmen(simulate(Simulation(seed=12, length=24.0, travel=42.0, step=0.3)), path)
     return path
 
 
@@ -90,7 +103,7 @@ def detection(drive: "Log") -> "LoopDetection":
 def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder to be in, with nothing of the program in the environment."""
     monkeypatch.chdir(tmp_path)
-    for name in [name for name in os.environ if name.startswith("M2T_")]:
+    for name in [name for name in os.environ if name.startswith("M2T_") and name != "M2T_THREADS"]:
         monkeypatch.delenv(name)
     return tmp_path
 

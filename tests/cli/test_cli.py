@@ -17,7 +17,6 @@ from calling import PROGRAM, Call
 
 from m2t_text.index.map_index import MapIndex
 from m2t_text.logs import read_log
-from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.util.geometry import travel
 
 COMMANDS = (
@@ -140,14 +139,6 @@ def test_shell_completion_knows_the_commands() -> None:
     }
     done = subprocess.run(PROGRAM, env=environment, capture_output=True, text=True, check=False)
     assert done.stdout.split() == ["index", "inspect", "info"]
-
-
-@pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log of a dozen metres, ``drive.log``."""
-    path = tmp_path_factory.mktemp("short") / "drive.log"
-    write_carmen(simulate(Simulation(seed=3, length=24.0, travel=12.0)), path)
-    return path
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, circuit: Path) -> Path:
     from m2t_text.cli import run
 
     folder = tmp_path_factory.mktemp("maps") / "office"
-    assert run(["map", str(circuit), "--out", str(folder), "--jobs", "2"]) == 0
+    assert run(["map", str(circuit), "--out", str(folder)]) == 0
     return folder
 
 
@@ -46,22 +46,20 @@ def test_other_optimisers_agree_with_its_graph(folder: Path):
 def test_walls_are_where_they_are_and_people_are_gone(folder: Path, drive: Log):
     """Occupied cells by an oracle: hits of the true poses that recur."""
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["loops"] >= 4 and summary["neighbours"] > 500 and summary["datasets"][0]["joined"]
+    assert summary["loops"] >= 4 and summary["neighbours"] > 300 and summary["datasets"][0]["joined"]
     assert 0.005 < summary["map"]["occupied"] / summary["map"]["free"] < 0.2
 
 
-def test_its_map_can_be_indexed_and_searched(folder: Path, circuit: Path, call: Call, own_folder: Path):
-    assert call("index", folder / "map.yaml", "--index", "i", "--name", "office")[0] == 0
-    status, out, _ = call("search", f"{circuit}@20", "--index", "i", "--json", "--top", 1)
-    (best,) = json.loads(out)["results"]
-    assert status == 0 and best["dataset"] == "office" and best["inlier_ratio"] > 0.6
-
-
-def test_json_names_the_files(call: Call, circuit: Path, own_folder: Path):
-    status, out, err = call("map", circuit, "--out", "there", "--resolution", 0.1, "--json")
+def test_its_map_can_be_indexed_and_searched(call: Call, short: Path, own_folder: Path):
+    """And its JSON names the files; a drive of a few metres by two processes."""
+    status, out, err = call("map", short, "--out", "there", "--resolution", 0.1, "--json", "--jobs", 2)
     document = json.loads(out)
     assert status == 0 and err == ""
     assert document["map"]["resolution"] == 0.1 and all(Path(path).is_file() for path in document["files"])
+    assert call("index", "there/map.yaml", "--index", "i", "--name", "office")[0] == 0
+    status, out, _ = call("search", f"{short}@3", "--index", "i", "--json", "--top", 1)
+    (best,) = json.loads(out)["results"]
+    assert status == 0 and best["dataset"] == "office" and best["inlier_ratio"] > 0.6
 
 
 @pytest.mark.parametrize(

@@ -44,10 +44,19 @@ def expected(detection: LoopDetection) -> list[dict[str, Any]]:
     return loops
 
 
+def test_a_drive_has_the_loops_of_the_log_to_the_bit(drive: Log) -> None:
+    check_to_the_bit(drive, 145)
+
+
+@pytest.mark.long
 def test_a_real_drive_has_the_loops_of_the_log_to_the_bit(radish: Path) -> None:
-    """The first scans of the Intel Research Lab, cut once."""
-    whole = read_log(radish / "intel-corrected.log.gz")
-    scans = tuple(replace(scan, drive=int(k >= 10)) for k, scan in enumerate(whole.scans[:118]))
+    """The first scans of the Intel Research Lab."""
+    check_to_the_bit(read_log(radish / "intel-corrected.log.gz"), 118)
+
+
+def check_to_the_bit(whole: Log, count: int) -> None:
+    """The begin of a drive, cut once, while driving and as a log."""
+    scans = tuple(replace(scan, drive=int(k >= 10)) for k, scan in enumerate(whole.scans[:count]))
     log = replace(whole, scans=scans, ground_truth=None)
     told = answers(log, LiveLoops(DEFAULT))
     assert [one["known"] for _, one in told] == [k for k, _ in told]  # each as soon as it is known
@@ -133,7 +142,7 @@ def test_in_a_pipe(call: Call, circuit: Path, detection: LoopDetection, tmp_path
     assert (status, err) == (0, "")
     told = [json.loads(line) for line in out.splitlines()]
     assert told and told == [{"type": "loop"} | one for one in expected(detection)]
-    begin = "\n".join(lines.splitlines()[:120])
+    begin = "\n".join(lines.splitlines()[:115])
     assert call("live", "-", *options, stdin=begin) == (0, "", "")
     status, out, _ = call("info", "--index", index, "--json")
     first, second = json.loads(out)["datasets"]

@@ -68,8 +68,8 @@ def test_an_index_of_the_drive_itself_shows_its_past(drive: Log, tmp_path: Path)
 
 
 def test_places_of_another_drive_become_vertices(drive: Log, tmp_path: Path):
-    drive = cut(drive, 190)
-    other = replace(simulate(Simulation(seed=5, drive=1, length=24.0, travel=35.0, step=0.25)), name="other")
+    drive = cut(drive, 130)
+    other = replace(simulate(Simulation(seed=12, drive=1, length=24.0, travel=24.0, step=0.3)), name="other")
     detection = detect_loops(drive, indexed(other, tmp_path / "index"))
     graph = pose_graph(detection)
     assert len(detection.loops) >= 10 and graph.scans == len(drive.scans)

@@ -1,14 +1,17 @@
 """Places that a drive comes back to, found without any text."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from m2t_text.config import PROFILES
 from m2t_text.evaluation.loops import trajectory_error
 from m2t_text.logs import Log
+from m2t_text.logs.simulation.simulator import Simulation, simulate
 from m2t_text.loops.detection import LoopDetection
+from m2t_text.loops.uncertainty import Drift
+from m2t_text.mapping.local_map import Survey
 from m2t_text.mapping.scan_cloud import ScanCloud
+from m2t_text.mapping.trajectory import survey
 from m2t_text.slam.closings import _back_to_back, closings
 from m2t_text.slam.correction import correct
 from m2t_text.slam.key_scans import KeyScans, key_scans
@@ -22,8 +25,19 @@ NONE = Constraints(
 
 
 @pytest.fixture(scope="module")
-def keys(detection: LoopDetection) -> KeyScans:
-    return key_scans(detection.log, detection.survey.trajectory)
+def drive() -> Log:
+    """A drive that comes back to places where it was long before."""
+    return simulate(Simulation(seed=5, length=24.0, travel=75.0, step=0.25))
+
+
+@pytest.fixture(scope="module")
+def followed(drive: Log) -> Survey:
+    return survey(drive, PROFILES["default"].mapping)
+
+
+@pytest.fixture(scope="module")
+def keys(drive: Log, followed: Survey) -> KeyScans:
+    return key_scans(drive, followed.trajectory)
 
 
 def surely(keys: KeyScans) -> np.ndarray:
@@ -94,8 +108,9 @@ def test_a_wall_seen_from_behind_is_another_wall():
     assert _back_to_back(left, right) == pytest.approx(120 / 520, abs=0.02)
 
 
-def test_a_drive_is_corrected_without_loops_found_by_text(detection: LoopDetection, drive: Log):
+def test_a_drive_is_corrected_without_loops_found_by_text(followed: Survey, drive: Log):
     assert drive.ground_truth is not None
-    alone = correct(replace(detection, loops=[]))
+    drifts = {drive.name: Drift(followed.trajectory)}
+    alone = correct(LoopDetection(drive, followed, None, 0, [], [], [], drifts, {}))
     assert alone.count("loop") == 0 and alone.count("neighbour") > 500
     assert trajectory_error(alone.trajectory, drive.ground_truth) < 0.06

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from m2t_text.loops.detection import LoopDetection
 
 # The same examples on every machine; `pytest --hypothesis-profile=default` looks for others.
-settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
 settings.load_profile("same")
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # each core has its own worker, which therefore needs no threads

@@ -1,5 +1,6 @@
 """The command line as a user types it, and its JSON as contract and scripts expect it."""
 
+import gzip
 import json
 import os
 import re
@@ -442,10 +443,14 @@ def test_an_unwritable_place_is_told(call: Call, simulated: Path) -> None:
 
 @pytest.mark.parametrize("profile", ["paper", "default"])
 def test_a_real_log(call: Call, radish: Path, profile: str) -> None:
-    log = radish / "freiburg-101-corrected.log.gz"
+    """The first half of it."""
+    log = Path("freiburg-101-corrected.log.gz")
+    with gzip.open(radish / log) as whole:
+        lines = whole.readlines()
+    log.write_bytes(gzip.compress(b"".join(lines[: len(lines) // 2]), 1))
     assert call("index", log, "--profile", profile, "--index", "i")[0] == 0
     index = MapIndex.open("i")
-    for map_id in index.ids[::60]:
+    for map_id in index.ids[::30]:
         answer = json.loads(call("search", map_id, "--index", "i", "--top", 3, "--json")[1])
         assert ids(answer)[0] == map_id and answer["index"]["profile"] == profile
         assert answer["results"][0]["inlier_ratio"] == 1.0

@@ -7,14 +7,17 @@ from pathlib import Path
 import pytest
 from calling import PROGRAM, Call
 
+from m2t_text.cli import run
 
-def completed(line: str, index: Path) -> list[str]:
-    """What bash would offer for the end of a command line."""
-    words = f"m2t-text {line}"
-    asked = {"_M2T_TEXT_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(line.count(" ") + 1)}
-    environment = os.environ | asked | {"M2T_INDEX": str(index)}
-    done = subprocess.run(PROGRAM, env=environment, capture_output=True, text=True, check=False)
-    return done.stdout.split()
+
+def asked(line: str, index: Path) -> dict[str, str]:
+    """The environment in which bash asks for what the end of a command line may be."""
+    return {
+        "_M2T_TEXT_COMPLETE": "complete_bash",
+        "COMP_WORDS": f"m2t-text {line}",
+        "COMP_CWORD": str(line.count(" ") + 1),
+        "M2T_INDEX": str(index),
+    }
 
 
 @pytest.mark.parametrize(
@@ -28,12 +31,27 @@ def completed(line: str, index: Path) -> list[str]:
         ("index --profile ", ["default", "paper"]),
     ],
 )
-def test_ids_datasets_and_profiles_are_offered(line: str, offered: list[str], simulated_index: Path) -> None:
-    assert completed(line, simulated_index) == offered
+def test_ids_datasets_and_profiles_are_offered(
+    line: str,
+    offered: list[str],
+    simulated_index: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name, value in asked(line, simulated_index).items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit):
+        run([])
+    assert capsys.readouterr().out.split() == offered
 
 
-def test_nothing_is_offered_of_an_index_that_is_not_there(tmp_path: Path) -> None:
-    assert completed("search dr", tmp_path / "none") == []
+@pytest.mark.parametrize("there", [True, False])
+def test_a_process_of_its_own_offers_ids_where_an_index_is(
+    simulated_index: Path, tmp_path: Path, there: bool
+) -> None:
+    environment = os.environ | asked("search dr", simulated_index if there else tmp_path / "none")
+    done = subprocess.run(PROGRAM, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == (["drive/"] if there else [])
 
 
 def test_an_id_does_not_break_on_a_narrow_terminal(

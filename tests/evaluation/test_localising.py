@@ -1,6 +1,7 @@
 """Runs of a robot found in a map that was drawn before: through the command line, and judged by the truth."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from calling import Call
 from m2t_text.evaluation.metrics import pose_error
 from m2t_text.evaluation.saved_maps import MapEvaluationRequest, evaluate
 from m2t_text.index.map_index import MapIndex
-from m2t_text.logs import Log, read_log
+from m2t_text.logs import Log
 from m2t_text.logs.simulation.simulator import Simulation, simulate, write_carmen
 from m2t_text.saved_maps.occupancy_mapping import build_map
 from m2t_text.saved_maps.writing import write_map
@@ -19,17 +20,17 @@ from m2t_text.util.geometry import compose, transform
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
-DRIVE = Simulation(seed=3, length=24.0, travel=40.0)  # that of the fixture `simulated`
+DRIVE = Simulation(seed=3, length=24.0, travel=24.0)
 MAP_FRAME = np.array([30.0, -4.0, 2.0])  # the building's frame in that of the saved map
 
 
 @pytest.fixture(scope="module")
-def floor(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def floor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The index of a map that was drawn on a first visit, in a frame of its own."""
     from m2t_text.sources.indexing import IndexRequest, index_sources
 
     folder = tmp_path_factory.mktemp("floor")
-    first = read_log(simulated)
+    first = simulate(DRIVE)
     assert first.ground_truth is not None
     truth = compose(MAP_FRAME, first.ground_truth)
     write_map(build_map(first, truth, np.arange(len(truth))), folder / "floor.yaml")
@@ -40,7 +41,7 @@ def floor(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def second(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Log]:
     """A second visit, with other doors and people, and what it truly was."""
-    log = simulate(Simulation(**{**vars(DRIVE), "drive": 1}))
+    log = simulate(replace(DRIVE, drive=1))
     path = tmp_path_factory.mktemp("second") / "second.log"
     write_carmen(log, path)
     return path, log
@@ -50,7 +51,7 @@ def test_the_pose_of_a_run_in_the_maps_frame(call: Call, floor: Path, second: tu
     path, log = second
     assert log.ground_truth is not None
     right, sure = [], []
-    for scan in range(0, 170, 17):
+    for scan in range(0, 100, 10):
         answer = json.loads(call("search", f"{path}#{scan}", "--run", 3, "--index", floor, "--json")[1])
         first = answer["results"][0]
         error = pose_error(np.array(first["dataset_pose"]), compose(MAP_FRAME, log.ground_truth[scan]))
@@ -66,7 +67,7 @@ def test_a_single_scan_is_found(call: Call, floor: Path, second: tuple[Path, Log
     path, log = second
     assert log.ground_truth is not None
     errors = []
-    for scan in range(0, 170, 20):
+    for scan in range(0, 100, 12):
         answer = json.loads(call("search", f"{path}#{scan}", "--run", 0, "--index", floor, "--json")[1])
         assert (answer["query"]["first_scan"], answer["query"]["last_scan"]) == (scan, scan)
         assert answer["results"][0]["pose"] is not None
@@ -130,10 +131,8 @@ def test_a_wrong_call_gets_one_line(call: Call, floor: Path, arguments: list[str
     assert err.startswith("m2t-text: ") and err.count("\n") == 1
 
 
-def test_what_a_log_is_drawn_into_and_found_in(call: Call, simulated: Path) -> None:
-    status, out, err = call(
-        "evaluate-map", simulated, "--queries", 3, "--covered", 0, "--maps", "drawn", "--json"
-    )
+def test_what_a_log_is_drawn_into_and_found_in(call: Call, short: Path) -> None:
+    status, out, err = call("evaluate-map", short, "--queries", 3, "--covered", 0, "--maps", "drawn", "--json")
     assert status == 0 and "m2t-text index drawn/drive-map.yaml" in err
     document = json.loads(out)
     (figures,) = document["datasets"]

@@ -51,7 +51,7 @@ def test_a_length_beyond_any_in_a_table_of_contents_is_refused(folder: Path, at:
 
 @pytest.mark.parametrize("name", sorted(TARGETS.keys() - OWN_TESTS))
 def test_damage_is_read_or_refused(folder: Path, name: str) -> None:
-    @settings(max_examples=10 if name in SLOW else 80, deadline=None)
+    @settings(max_examples=5 if name in SLOW else 30, deadline=None)
     @given(data=st.data())
     def check(data: st.DataObject) -> None:
         damage(folder, name, data)

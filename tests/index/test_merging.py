@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -214,6 +215,7 @@ def test_an_ended_command_changes_nothing(ending: signal.Signals, moment: str, l
     )
     while not Path("working").exists():
         assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
     process.send_signal(ending)
     message = process.communicate(timeout=20)[1]
     assert message == ("m2t-text: interrupted; nothing was left half done\n" if ending == signal.SIGINT else "")

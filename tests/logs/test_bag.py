@@ -67,9 +67,10 @@ def test_a_bag_gives_the_very_scans_of_the_log_that_it_was_made_of(
 
 
 def test_a_bag_gives_the_same_texts_as_the_log(freiburg: Log, tmp_path: Path) -> None:
-    bag = read_log(ROS2.write(tmp_path / "bag.db3", ROS2.log(freiburg)))
-    texts, wanted = ([str(one.text) for one in describe_log(log, DEFAULT)] for log in (bag, freiburg))
-    assert texts == wanted and len(texts) > 280
+    begin = replace(freiburg, scans=freiburg.scans[:120], ground_truth=None)
+    bag = read_log(ROS2.write(tmp_path / "bag.db3", ROS2.log(begin)))
+    texts, wanted = ([str(one.text) for one in describe_log(log, DEFAULT)] for log in (bag, begin))
+    assert texts == wanted and len(texts) > 80
 
 
 def test_a_storage_file_is_read_without_its_folder(freiburg: Log, tmp_path: Path) -> None:
@@ -419,7 +420,7 @@ def test_no_more_is_allocated_than_a_bag_holds(tmp_path: Path, sound: dict[str, 
 
 
 @pytest.mark.parametrize("ending", [".bag", ".db3", ".mcap"])
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_mutated_bag_is_read_or_refused(
     tmp_path: Path, sound: dict[str, bytes], ending: str, data: st.DataObject

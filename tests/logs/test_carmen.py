@@ -418,7 +418,7 @@ LINES = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(LINES, max_size=12).map(b"\n".join), st.booleans())
 def test_whatever_the_file_holds_there_is_a_sound_log_or_a_log_error(
     tmp_path: Path, content: bytes, zipped: bool
@@ -427,7 +427,7 @@ def test_whatever_the_file_holds_there_is_a_sound_log_or_a_log_error(
     assert_sound_or_refused(path)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_a_mutated_log_is_read_or_refused(tmp_path: Path, data: st.DataObject) -> None:
     content = bytearray(lines(*(line for x, good in enumerate(GOOD) for line in (odom(f"{x} 0 0", x), good))))

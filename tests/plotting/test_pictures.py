@@ -43,7 +43,7 @@ def hits(count: int, dataset: str = "fr101", text: Text = SQUARE) -> list[tuple[
     return [(Found(Hit(document(dataset, text), 0.5 / (k + 1), 4, turns[k])), text) for k in range(count)]
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 3, 9])
+@pytest.mark.parametrize("count", [0, 1, 9])
 def test_any_number_of_hits_is_drawn(tmp_path: Path, count: int) -> None:
     pictures.plot_match(SQUARE, "query", hits(count), PARAMETERS, tmp_path / "match.png")
     assert (tmp_path / "match.png").read_bytes().startswith(PNG)
@@ -51,7 +51,7 @@ def test_any_number_of_hits_is_drawn(tmp_path: Path, count: int) -> None:
 
 @pytest.mark.parametrize("text", [EMPTY, Text.of([3], [4], [5]), Text.of([-32767, 32767], [0, 0], [1, 2])])
 def test_any_text_is_drawn(tmp_path: Path, text: Text) -> None:
-    pictures.plot_match(text, "query", hits(2, text=text), PARAMETERS, tmp_path / "match.png")
+    pictures.plot_match(text, "query", hits(1, text=text), PARAMETERS, tmp_path / "match.png")
     pictures.plot_document(text, document(text=text), 0.1, tmp_path / "map.png")
     pictures.plot_document(text, None, 0.1, tmp_path / "text.png")
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("match.png", "map.png", "text.png"))
@@ -63,11 +63,14 @@ def test_a_picture_of_each_kind(tmp_path: Path, ending: str) -> None:
     assert [file.name for file in tmp_path.iterdir()] == [f"map.{ending}"]
 
 
-@pytest.mark.parametrize("name", ["$x^{2}$", "a_b%c", "日本", "n" * 200])
-def test_any_name_is_drawn_as_it_is(tmp_path: Path, name: str) -> None:
-    pictures.plot_match(SQUARE, name, hits(2, name), PARAMETERS, tmp_path / "match.png")
-    pictures.plot_document(SQUARE, document(name), 0.1, tmp_path / "map.png")
-    assert (tmp_path / "map.png").exists()
+def test_any_name_is_drawn_as_it_is(tmp_path: Path) -> None:
+    names = ["$x^{2}$", "a_b%c", "日本", "n" * 200]
+    found = [hit for name in names for hit in hits(1, name)]
+    pictures.plot_match(SQUARE, names[0], found, PARAMETERS, tmp_path / "match.png")
+    assert (tmp_path / "match.png").exists()
+    for name in names:
+        pictures.plot_document(SQUARE, document(name), 0.1, tmp_path / "map.png")
+        (tmp_path / "map.png").unlink()
 
 
 def test_a_long_name_keeps_its_number() -> None:
@@ -78,7 +81,7 @@ def test_a_long_name_keeps_its_number() -> None:
 
 def test_the_same_picture_twice_is_the_same_file(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        pictures.plot_match(SQUARE, "query", hits(2), PARAMETERS, tmp_path / name)
+        pictures.plot_match(SQUARE, "query", hits(1), PARAMETERS, tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -202,5 +205,5 @@ def test_free_squares_are_drawn_where_they_lie() -> None:
 def test_a_text_is_drawn_with_what_is_free_in_it(tmp_path: Path, free: FreeSquares) -> None:
     text = replace(SQUARE, free=free)
     pictures.plot_document(text, document(text=text), 0.1, tmp_path / "map.png")
-    pictures.plot_match(text, "query", hits(2, text=text), PARAMETERS, tmp_path / "match.png")
+    pictures.plot_match(text, "query", hits(1, text=text), PARAMETERS, tmp_path / "match.png")
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("match.png", "map.png"))

@@ -1,5 +1,6 @@
 """Many queries in one go are answered as one by one."""
 
+import shutil
 from dataclasses import astuple
 
 import numpy as np
@@ -10,9 +11,15 @@ from m2t_text.index.search import collection, top_k
 from m2t_text.recognition.queries import Query
 
 
-@pytest.fixture(params=["default", "paper"])
-def index(request, tmp_path) -> m2t.MapIndex:
-    index = m2t.open_index(tmp_path / "index", m2t.PROFILES[request.param])
+@pytest.fixture(autouse=True)
+def _threads(monkeypatch) -> None:
+    """Many queries are shared by several threads, as they are where a process may take several cores."""
+    monkeypatch.setenv("M2T_THREADS", "2")
+
+
+@pytest.fixture(scope="module", params=["default", "paper"])
+def index(request, tmp_path_factory) -> m2t.MapIndex:
+    index = m2t.open_index(tmp_path_factory.mktemp("many") / "index", m2t.PROFILES[request.param])
     for seed in (1, 2):
         log = m2t.simulate(m2t.Simulation(length=24.0, travel=14.0, seed=seed, beams=90))
         index.add(m2t.LogSource(log))
@@ -33,9 +40,9 @@ def test_many_are_answered_as_one_by_one(index: m2t.MapIndex, monkeypatch) -> No
     monkeypatch.setattr(collection, "ALONE", 2)
     queries = [Query.of(document) for document in index.documents()][::6]
     assert len(queries) > 10
-    for exclude in (None, 5.0):
-        answers = [m2t.find(index, query, 5, query.excluding(exclude)) for query in queries]
-        many = list(m2t.find_many(index, iter(queries), 5, exclude))
+    for exclude, some in ((None, queries[::2]), (5.0, queries[1::2])):
+        answers = [m2t.find(index, query, 5, query.excluding(exclude)) for query in some]
+        many = list(m2t.find_many(index, iter(some), 5, exclude))
         assert [told(one) for one in many] == [told(one) for one in answers]
     texts = [query.text for query in queries]
     for method in ("m2t", "bow"):
@@ -44,7 +51,8 @@ def test_many_are_answered_as_one_by_one(index: m2t.MapIndex, monkeypatch) -> No
         assert found == [[(hit.map_id, hit.score) for hit in hits] for hits in single]
 
 
-def test_all_queries_see_one_state(index: m2t.MapIndex) -> None:
+def test_all_queries_see_one_state(index: m2t.MapIndex, tmp_path) -> None:
+    index = m2t.open_index(shutil.copytree(index.path, tmp_path / "index"))
     documents = list(index.documents())
     texts = [documents[0].text] * 40
     hits = index.search_many(texts, 1)

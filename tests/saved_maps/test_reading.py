@@ -308,7 +308,7 @@ def test_a_cut_off_image_is_refused(tmp_path: Path) -> None:
                 read_map(path)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_a_mutated_map_is_read_or_refused(tmp_path: Path, data: st.DataObject) -> None:
     path = saved(tmp_path, image=data.draw(st.sampled_from(["map.png", "map.pgm"])))

@@ -24,7 +24,7 @@ def reaching(query: Text, maps: list[Text], turns: tuple[int, ...], directions: 
     return both, through
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([3, 30, 90, 200]),

@@ -95,7 +95,7 @@ def test_maps_of_a_real_log(radish: Path, tmp_path: Path, profile: str) -> None:
     some = [one.text for one in index.documents()][::45]
     assert len(some) >= 2
     for text in some:  # each token has 441 neighbours to look up
-        sparse = Text.of(text.wx[::16], text.wy[::16], text.wa[::16])
+        sparse = Text.of(text.wx[::24], text.wy[::24], text.wa[::24])
         assert max(assert_same(open_dir(index.path), sparse, 10, (0, 3)).values()) == len(sparse)
 
 

@@ -62,7 +62,7 @@ def test_scores_and_ranking_are_those_of_the_definitions(tmp_path, weighted):
     for name, index, documents in layouts(tmp_path / "index", Parameters(matching=matching)):
         oracle = Oracle(documents)
         assert index.ids == sorted(oracle.ids)
-        for query in (documents[0].text, documents[-1].text.turned(1), random_text(rng, 40)):
+        for query in (documents[-1].text.turned(1), random_text(rng, 40)):
             for method, window, turns in (("m2t", 10, (0, 1, 2, 3)), ("bow", None, (0,))):
                 wanted = oracle.scores(query, window, turns, weighted)
                 got = index.scores(query, method)

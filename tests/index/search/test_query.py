@@ -28,10 +28,10 @@ from m2t_text.index.search.weighting import HistogramIntersection
 PLAIN = Parameters(matching=MatchingParameters(weighted=False))
 
 
-@pytest.fixture
-def corridor(tmp_path):
+@pytest.fixture(scope="module")
+def corridor(tmp_path_factory):
     """Five maps, in two segments, one of them deleted; 'x0_y0_a5' matches b/1, b/2 and 'the log'/3."""
-    index = MapIndex.create(tmp_path, PLAIN)
+    index = MapIndex.create(tmp_path_factory.mktemp("corridor"), PLAIN)
     a = [
         document("a", 0, text_of("x0_y0_a1 x5_y5_a2"), travel=10.0),
         document("a", 9, text_of("x0_y0_a5"), travel=50.0),

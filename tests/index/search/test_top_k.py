@@ -19,6 +19,12 @@ from m2t_text.index.search import collection, top_k
 U = np.uint64
 
 
+@pytest.fixture(autouse=True)
+def _threads(monkeypatch):
+    """A search is shared by several threads, as it is where a process may take several cores."""
+    monkeypatch.setenv("M2T_THREADS", "2")
+
+
 def walls(rng: np.random.Generator, keypoints: int, span: int, words: int = 40) -> Text:
     """Keypoints along a few lines, as maps have them."""
     lines = rng.integers(-span, span, (4, 2)), rng.choice([(1, 0), (0, 1), (1, 1)], 4)
@@ -52,7 +58,7 @@ def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: 
     return both, coarse, np.maximum(tighter, fine), fine, needed
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([30, 90, 140, 300]), st.sampled_from([1, 3]))
 def test_no_score_exceeds_its_bounds(seed, span, directions):
     rng = np.random.default_rng(seed)

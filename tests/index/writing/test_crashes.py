@@ -15,7 +15,7 @@ from states import Change, built, changes, contents, copied, expected, litter
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.writing.folder import holds_index
 
-STRIDE = 5  # of the steps of a commit; `make stress` takes all of them
+STRIDE = 7  # of the steps of a commit; `make stress` takes all of them
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches processes as Linux shows them")
 
@@ -26,8 +26,8 @@ def index(tmp_path: Path) -> MapIndex:
 
 
 def test_killed_at_random_moments(tmp_path: Path) -> None:
-    counts = crashes.survive_kills(tmp_path, 10, seed=1)
-    assert counts["survived"] == 10 and counts["interrupted"] > 0
+    counts = crashes.survive_kills(tmp_path, 6, seed=1)
+    assert counts["survived"] == 6 and counts["interrupted"] > 0
 
 
 @pytest.mark.parametrize("change", WHOLE.values(), ids=WHOLE)

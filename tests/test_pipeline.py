@@ -29,7 +29,7 @@ def test_a_run_by_itself_reads_as_in_the_whole_log(radish: Path, name: str) -> N
     whole = survey(log, mapping)
     starts = run_starts(whole, mapping.run_length)
     shares = []
-    for local_map in local_maps(whole, mapping, starts[:: len(starts) // 12]):
+    for local_map in local_maps(whole, mapping, starts[:: len(starts) // 6]):
         wanted = describe(local_map, log.name, DEFAULT)
         alone = describe_at(log, wanted.first_scan, DEFAULT)
         assert alone.map_id == wanted.map_id and abs(alone.last_scan - wanted.last_scan) <= 5
@@ -48,8 +48,8 @@ def test_travel_and_pose_of_a_run_by_itself_are_those_of_the_wheels(simulated: P
         assert np.hypot(*alone.pose[:2]) == pytest.approx(np.hypot(*(log.odometry[scan] - log.odometry[0])[:2]))
 
 
-def test_the_first_run_is_the_same_by_itself(simulated: Path) -> None:
-    log = read_log(simulated)
+def test_the_first_run_is_the_same_by_itself(short: Path) -> None:
+    log = read_log(short)
     wanted = next(describe_log(log, DEFAULT))
     alone = describe_at(log, 0, DEFAULT)
     assert str(alone.text) == str(wanted.text) and alone.last_scan == wanted.last_scan
@@ -119,8 +119,8 @@ def test_a_robot_does_not_travel_while_it_stands_or_turns() -> None:
     assert way[:1000].max() == 0.0 and way[-1] == pytest.approx(1.9, abs=0.02)
 
 
-def test_any_number_of_processes_makes_the_same_documents(simulated: Path) -> None:
-    log = read_log(simulated)
+def test_any_number_of_processes_makes_the_same_documents(short: Path) -> None:
+    log = read_log(short)
     told: list[tuple[str, int, int]] = []
 
     def line(document: Document) -> tuple[str, str]:

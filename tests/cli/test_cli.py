@@ -207,8 +207,8 @@ def test_a_drive_too_short_for_a_map_does_not_empty_its_dataset(
     assert len(MapIndex.open(own_index)) > 0
 
 
-def test_skipped_damage_is_a_warning(call: Call, simulated: Path) -> None:
-    Path("cut.log").write_bytes(simulated.read_bytes()[:-40])
+def test_skipped_damage_is_a_warning(call: Call, short: Path) -> None:
+    Path("cut.log").write_bytes(short.read_bytes()[:-40])
     status, out, err = call("index", "cut.log", "--index", "i")
     assert status == 0 and "cut" in out and err.startswith("warning: cut: ") and err.count("\n") == 1
 
@@ -519,10 +519,10 @@ main()
     ],
 )
 def test_no_process_of_the_pool_survives_or_complains(
-    own_index: Path, simulated: Path, ending: signal.Signals, everyone: bool, status: int, message: str
+    own_index: Path, short: Path, ending: signal.Signals, everyone: bool, status: int, message: str
 ) -> None:
     before = MapIndex.open(own_index).ids
-    line = [sys.executable, "-c", SLOW, "index", str(simulated), "--index", "i", "--name", "b", "--jobs", "2"]
+    line = [sys.executable, "-c", SLOW, "index", str(short), "--index", "i", "--name", "b", "--jobs", "2"]
     process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True)
     while not Path("working").exists():
         time.sleep(0.01)
@@ -536,7 +536,7 @@ def test_no_process_of_the_pool_survives_or_complains(
 
 
 def test_demo(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("m2t_text.evaluation.demo.TRAVEL", 30.0)
+    monkeypatch.setattr("m2t_text.evaluation.demo.TRAVEL", 24.0)
     status, out, err = call("demo", "--folder", "demo", "--jobs", 1)
     assert (status, err) == (0, "")
     found = re.search(r"(\d+) of (\d+) found within 3 m", out)

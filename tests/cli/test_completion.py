@@ -45,13 +45,10 @@ def test_ids_datasets_and_profiles_are_offered(
     assert capsys.readouterr().out.split() == offered
 
 
-@pytest.mark.parametrize("there", [True, False])
-def test_a_process_of_its_own_offers_ids_where_an_index_is(
-    simulated_index: Path, tmp_path: Path, there: bool
-) -> None:
-    environment = os.environ | asked("search dr", simulated_index if there else tmp_path / "none")
+def test_nothing_is_offered_of_an_index_that_is_not_there(tmp_path: Path) -> None:
+    environment = os.environ | asked("search dr", tmp_path / "none")
     done = subprocess.run(PROGRAM, env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.split() == (["drive/"] if there else [])
+    assert (done.returncode, done.stdout.split()) == (0, [])
 
 
 def test_an_id_does_not_break_on_a_narrow_terminal(

@@ -147,8 +147,9 @@ def test_the_default_profile_keeps_its_recall_on_a_simulated_log(evaluation: Eva
     assert verified["translation_error_median"] < 0.06 and verified["rotation_error_median"] < math.radians(0.5)
 
 
+@pytest.mark.long
 def test_the_default_profile_keeps_its_recall_on_a_real_log(radish: Path) -> None:
-    found = evaluate(EvaluationRequest([radish / "freiburg-101-corrected.log.gz"], queries=20))
+    found = evaluate(EvaluationRequest([radish / "freiburg-101-corrected.log.gz"], queries=40, jobs=2))
     figures = methods(found.datasets[0].judgements)
     assert figures["m2t"]["anr"] < 5 and figures["bow"]["anr"] > 15
     assert figures["verified"]["recall_at_1"]["3"] > 95 and figures["verified"]["verdict_precision"] > 98

@@ -188,7 +188,7 @@ def test_a_robot_that_is_carried_away_while_it_drives(
     way = travel(log.odometry)
     first, then = (np.flatnonzero((way >= at) & (way < at + 9.0)).tolist() for at in (before, after))
     frame = compose(log.scans[first[-1]].odometry, inverse(log.scans[then[0]].odometry))
-    session = Session(index.parameters, Localizer(index), 1.0, poses=False, laser_pose=log.laser_pose)
+    session = Session(index.parameters, Localizer(index), 1.5, poses=False, laser_pose=log.laser_pose)
     carried, found, noticed = 0.0, [], list[int]()
     for k in (*first, *then):
         scan = log.scans[k]

@@ -133,8 +133,8 @@ def test_a_cloud_finds_the_place_that_it_shows(call: Call, cloud: Path, simulate
     assert "room/000000" in call("search", cloud, "--index", simulated_index)[1]
 
 
-def test_a_cloud_is_a_dataset_of_one_map(call: Call, cloud: Path, simulated: Path) -> None:
-    status, out, err = call("index", cloud, simulated, "--index", "i", "--profile", "paper")
+def test_a_cloud_is_a_dataset_of_one_map(call: Call, cloud: Path, short: Path) -> None:
+    status, out, err = call("index", cloud, short, "--index", "i", "--profile", "paper")
     assert (status, err) == (0, "") and "room" in out
     held = {one["name"]: one for one in json.loads(call("info", "--index", "i", "--json")[1])["datasets"]}
     assert held["room"] == {"name": "room", "maps": 1, "scans": 0, "travel": 0.0}

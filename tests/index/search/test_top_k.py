@@ -175,7 +175,7 @@ def test_the_best_are_the_first_of_all(tmp_path, monkeypatch, score, weighted, l
     rng = np.random.default_rng(3)
     parameters = Parameters(matching=MatchingParameters(score=score, weighted=weighted))
     index = MapIndex.create(tmp_path / "index", parameters)
-    texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(60)]
+    texts = [walls(rng, int(rng.integers(20, 120)), 40) for _ in range(40)]
     for name in ("b", "c", "a", "b"):  # the second b replaces the first
         index.replace(name, [document(name, n, text) for n, text in enumerate(texts)])
     for query in (texts[7], walls(rng, 90, 40), random_text(rng, 30)):
@@ -233,7 +233,7 @@ def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(6)
-    index, texts = two_datasets(tmp_path / "index", rng, 60)
+    index, texts = two_datasets(tmp_path / "index", rng, 40)
     looked: list[int] = []
     original = top_k.TopK.promising
 
@@ -248,4 +248,4 @@ def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp
     assert [[(h.map_id, h.score) for h in hits] for hits in found] == [
         [(h.map_id, h.score) for h in hits] for hits in expected
     ]
-    assert looked[:61] == [-1] * 60 + [0] and min(looked[61:]) >= 5 and max(looked[61:]) > 40
+    assert looked[:41] == [-1] * 40 + [0] and min(looked[41:]) >= 5 and max(looked[41:]) > 30

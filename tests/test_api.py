@@ -30,13 +30,13 @@ EXAMPLES = [
 @pytest.mark.parametrize("test", EXAMPLES, ids=lambda test: test.name)
 def test_example(
     test: doctest.DocTest,
-    simulated: Path,
+    short: Path,
     simulated_index: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Each stands for itself, where a log and an index of it lie: as after `m2t-text index drive.log`."""
-    shutil.copy(simulated, tmp_path / "drive.log")
+    shutil.copy(short, tmp_path / "drive.log")
     shutil.copytree(simulated_index, tmp_path / "indexes" / "default")
     monkeypatch.chdir(tmp_path)
     report: list[str] = []
@@ -125,18 +125,14 @@ def test_importing_is_light_and_writes_nothing(tmp_path: Path) -> None:
 
 def test_no_second_layer() -> None:
     """Each function of the API is one that the program itself calls."""
-    nodes = [
-        node
-        for file in Path(m2t_text.__file__).parent.rglob("*.py")
-        for node in ast.walk(ast.parse(file.read_text()))
-    ]
-    called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-    renamed = {  # a command and what it calls may have one name
-        alias.name
-        for node in nodes
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if alias.asname in called
-    }
+    called: set[str] = set()
+    names: set[tuple[str, str | None]] = set()  # a command and what it calls may have one name
+    for file in Path(m2t_text.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                called.add(node.func.id)
+            elif isinstance(node, ast.ImportFrom):
+                names |= {(alias.name, alias.asname) for alias in node.names}
+    renamed = {name for name, other in names if other in called}
     functions = {name for name in m2t_text.__all__ if inspect.isfunction(getattr(m2t_text, name))}
     assert functions <= called | renamed

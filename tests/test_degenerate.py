@@ -129,7 +129,7 @@ def shifted(way: list[tuple[float, float, float]], x: float) -> list[tuple[float
     return [(pose[0] + x, *pose[1:]) for pose in way]
 
 
-@pytest.mark.parametrize("laps", [1, 4])
+@pytest.mark.parametrize("laps", [1, 3])
 def test_two_rooms_alike_are_ambiguous_however_often_each_was_seen(tmp_path: Path, laps: int) -> None:
     """Also where more maps show one of them than are verified."""
     room, far = WALLS["a room"], 24.0
@@ -170,7 +170,7 @@ def test_duplicated_scans_change_next_to_nothing(tmp_path: Path) -> None:
     log = log_of(WALLS["a room"], WAY, "log")
     doubled = replace(log, name="doubled", scans=tuple(scan for scan in log.scans for _ in range(2)))
     index = indexed(tmp_path, doubled)
-    for once in list(describe_log(log, PARAMETERS))[::3]:
+    for once in list(describe_log(log, PARAMETERS))[::5]:
         finding = find(index, Query.of(once))
         assert alike(once.text, index.document(f"doubled/{2 * once.first_scan:06d}").text) > 0.8
         assert finding.verdict == "match" and finding.results[0].inlier_ratio > 0.9

@@ -443,11 +443,11 @@ def test_an_unwritable_place_is_told(call: Call, simulated: Path) -> None:
 
 @pytest.mark.parametrize("profile", ["paper", "default"])
 def test_a_real_log(call: Call, radish: Path, profile: str) -> None:
-    """The first half of it."""
+    """The first third of it."""
     log = Path("freiburg-101-corrected.log.gz")
     with gzip.open(radish / log) as whole:
         lines = whole.readlines()
-    log.write_bytes(gzip.compress(b"".join(lines[: len(lines) // 2]), 1))
+    log.write_bytes(gzip.compress(b"".join(lines[: len(lines) // 3]), 1))
     assert call("index", log, "--profile", profile, "--index", "i")[0] == 0
     index = MapIndex.open("i")
     for map_id in index.ids[::30]:

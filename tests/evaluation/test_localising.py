@@ -33,7 +33,7 @@ def floor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     first = simulate(DRIVE)
     assert first.ground_truth is not None
     truth = compose(MAP_FRAME, first.ground_truth)
-    write_map(build_map(first, truth, np.arange(len(truth))), folder / "floor.yaml")
+    write_map(build_map(first, truth, np.arange(len(truth)), 0.1), folder / "floor.yaml")
     index_sources(IndexRequest([folder / "floor.yaml"], folder / "index"))
     return folder / "index"
 
@@ -51,7 +51,7 @@ def test_the_pose_of_a_run_in_the_maps_frame(call: Call, floor: Path, second: tu
     path, log = second
     assert log.ground_truth is not None
     right, sure = [], []
-    for scan in range(0, 100, 10):
+    for scan in range(0, 100, 13):
         answer = json.loads(call("search", f"{path}#{scan}", "--run", 3, "--index", floor, "--json")[1])
         first = answer["results"][0]
         error = pose_error(np.array(first["dataset_pose"]), compose(MAP_FRAME, log.ground_truth[scan]))
@@ -67,7 +67,7 @@ def test_a_single_scan_is_found(call: Call, floor: Path, second: tuple[Path, Log
     path, log = second
     assert log.ground_truth is not None
     errors = []
-    for scan in range(0, 100, 12):
+    for scan in range(0, 100, 16):
         answer = json.loads(call("search", f"{path}#{scan}", "--run", 0, "--index", floor, "--json")[1])
         assert (answer["query"]["first_scan"], answer["query"]["last_scan"]) == (scan, scan)
         assert answer["results"][0]["pose"] is not None

@@ -254,7 +254,7 @@ def a_number_of_a_million_digits(path: Path, canary: Path) -> None:
 
 @attack
 def millions_of_empty_containers(path: Path, canary: Path) -> None:
-    forge(path, lambda own: f'{{"format": {FORMAT_VERSION}, "drives": [' + "{}," * 3_000_000 + "{}]}")
+    forge(path, lambda own: f'{{"format": {FORMAT_VERSION}, "drives": [' + "{}," * 5_000_000 + "{}]}")
 
 
 @attack

@@ -76,10 +76,10 @@ def test_cells_hold_the_mean_of_their_hits():
     assert occupied(points, np.array([0, 0]), np.array([0]), np.zeros((1, 3)), 0.1).shape == (0, 2)
 
 
-DENSE = [pytest.param(name, marks=pytest.mark.long) for name in ("intel", "csail")]
+OTHERS = [pytest.param(name, marks=pytest.mark.long) for name in ("freiburg-101", "intel", "csail")]
 
 
-@pytest.mark.parametrize("name", ["freiburg-101", "aces", *DENSE])
+@pytest.mark.parametrize("name", ["aces", *OTHERS])
 def test_scan_matching_beats_wheel_odometry_on_real_logs(radish, name):
     log = read_log(next(radish.glob(f"{name}*")))
     assert log.ground_truth is not None

@@ -54,7 +54,7 @@ def thinned(log: Log, every: int) -> Log:
 @pytest.mark.parametrize("every", [1, 5])
 def test_a_drive_without_wheels(every: int) -> None:
     """A scan every 0.2 m, and every metre with turns of up to 70°."""
-    log = thinned(simulate(Simulation(seed=5, length=24.0, travel=40.0)), every)
+    log = thinned(simulate(Simulation(seed=5, length=24.0, travel=25.0)), every)
     assert log.ground_truth is not None
     found = np.array(list(refined_poses(without_odometry(log))))
     errors = between(between(log.ground_truth[0], log.ground_truth), found)

@@ -24,6 +24,13 @@ PNG, EMPTY = b"\x89PNG", Text.of([], [], [])
 SQUARE = Text.of([0, 10, 10, 0], [0, 0, 20, 20], [5, 5, 700, 1023])
 
 
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of fewer dots, which take less time to draw."""
+    savefig = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda *what, **how: savefig(*what, **how | {"dpi": 30}))
+
+
 def document(dataset: str = "fr101", text: Text = SQUARE) -> Document:
     return Document(
         dataset=dataset,

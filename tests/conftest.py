@@ -100,6 +100,12 @@ def detection(drive: "Log") -> "LoopDetection":
 
 
 @pytest.fixture
+def two_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads share the work of a search, as they do where a process may take several cores."""
+    monkeypatch.setenv("M2T_THREADS", "2")
+
+
+@pytest.fixture
 def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder to be in, with nothing of the program in the environment."""
     monkeypatch.chdir(tmp_path)

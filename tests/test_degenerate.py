@@ -129,7 +129,7 @@ def shifted(way: list[tuple[float, float, float]], x: float) -> list[tuple[float
     return [(pose[0] + x, *pose[1:]) for pose in way]
 
 
-@pytest.mark.parametrize("laps", [1, 3])
+@pytest.mark.parametrize("laps", [1, 2])
 def test_two_rooms_alike_are_ambiguous_however_often_each_was_seen(tmp_path: Path, laps: int) -> None:
     """Also where more maps show one of them than are verified."""
     room, far = WALLS["a room"], 24.0

@@ -10,11 +10,7 @@ import m2t_text as m2t
 from m2t_text.index.search import collection, top_k
 from m2t_text.recognition.queries import Query
 
-
-@pytest.fixture(autouse=True)
-def _threads(monkeypatch) -> None:
-    """Many queries are shared by several threads, as they are where a process may take several cores."""
-    monkeypatch.setenv("M2T_THREADS", "2")
+pytestmark = pytest.mark.usefixtures("two_threads")
 
 
 @pytest.fixture(scope="module", params=["default", "paper"])

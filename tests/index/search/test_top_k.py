@@ -16,13 +16,9 @@ from m2t_text.index.kernels.views import views
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.search import collection, top_k
 
+pytestmark = pytest.mark.usefixtures("two_threads")
+
 U = np.uint64
-
-
-@pytest.fixture(autouse=True)
-def _threads(monkeypatch):
-    """A search is shared by several threads, as it is where a process may take several cores."""
-    monkeypatch.setenv("M2T_THREADS", "2")
 
 
 def walls(rng: np.random.Generator, keypoints: int, span: int, words: int = 40) -> Text:

@@ -4,11 +4,14 @@ A mask has 64 bits in each of its lanes. Eight masks are first added to each oth
 keeps most of the work in registers.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
-from m2t_text.index.kernels.simd import at, every, put, some
+from m2t_text.index.kernels.simd import at, bytes_at, every, gathered, put, some
 from m2t_text.util.compiling import inlined, inner
 
 U = np.uint64
@@ -23,12 +26,40 @@ def _add(a: Any, b: Any, c: Any) -> Any:
     return either ^ c, (a & b) | (either & c)
 
 
+@inlined
+def _add_four(p0: Any, p1: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """The lowest two digits of a sum with four masks added, and what they carry."""
+    p0, two_a = _add(p0, a, b)
+    p0, two_b = _add(p0, c, d)
+    p1, four = _add(p1, two_a, two_b)
+    return p0, p1, four
+
+
+def mask_of(source: Any, places: Any, k: Any) -> Any:
+    """The mask of a number, in compiled code alone; see `add_masks`."""
+    raise NotImplementedError
+
+
+@overload(mask_of, inline="always")
+def _mask_of(source: Any, places: Any, k: Any) -> Callable[..., Any]:
+    def of_rows(source: Any, places: Any, k: Any) -> Any:
+        return bytes_at(source, U(places[k]))
+
+    def of_lanes(source: Any, places: Any, k: Any) -> Any:
+        return gathered(source[0], places, k, source[1])
+
+    return of_lanes if isinstance(source, types.BaseTuple) else of_rows
+
+
 @inner
-def add_masks(masks: Any, count: Any, sums: Any, digit: Any) -> None:
-    """Adds the first ``count`` masks, a multiple of eight, to ``sums``, each as often as the digit says.
+def add_masks(source: Any, places: Any, begin: Any, end: Any, sums: Any, digit: Any) -> None:
+    """Adds masks to ``sums``, each as often as the digit says.
 
     Args:
-        masks: (>= count, 4) uint64.
+        source, places: the k-th mask is the rows of bytes in ``source`` (N, 4) from places[k] on, for all lanes
+            together; see `by_lane`. Or the bytes in source[0] (N,) from those of places (K, 4) on, for each
+            lane, moved by source[1] bytes.
+        begin, end: numbers of the first mask and of the one behind the last, a multiple of eight apart.
         sums: (DIGITS, 4) uint64, the binary digits of the sums.
         digit: 0 to add each mask once, 1 twice, 2 four times, ...
     """
@@ -36,14 +67,14 @@ def add_masks(masks: Any, count: Any, sums: Any, digit: Any) -> None:
     p0, p1, p2 = at(sums, d), at(sums, d + U(1)), at(sums, d + U(2))
     p3, p4, p5 = at(sums, d + U(3)), at(sums, d + U(4)), at(sums, d + U(5))
     p6, p7, p8 = at(sums, d + U(6)), at(sums, d + U(7)), at(sums, d + U(8))
-    for block in range(U(count // 8)):
-        k = block * U(8)
-        p0, two_a = _add(p0, at(masks, k), at(masks, k + U(1)))
-        p0, two_b = _add(p0, at(masks, k + U(2)), at(masks, k + U(3)))
-        p1, four_a = _add(p1, two_a, two_b)
-        p0, two_a = _add(p0, at(masks, k + U(4)), at(masks, k + U(5)))
-        p0, two_b = _add(p0, at(masks, k + U(6)), at(masks, k + U(7)))
-        p1, four_b = _add(p1, two_a, two_b)
+    k, behind = U(begin), U(end)
+    while k < behind:
+        m0, m1 = mask_of(source, places, k), mask_of(source, places, k + U(1))
+        m2, m3 = mask_of(source, places, k + U(2)), mask_of(source, places, k + U(3))
+        p0, p1, four_a = _add_four(p0, p1, m0, m1, m2, m3)
+        m4, m5 = mask_of(source, places, k + U(4)), mask_of(source, places, k + U(5))
+        m6, m7 = mask_of(source, places, k + U(6)), mask_of(source, places, k + U(7))
+        p0, p1, four_b = _add_four(p0, p1, m4, m5, m6, m7)
         p2, carried = _add(p2, four_a, four_b)
         p3, carried = p3 ^ carried, p3 & carried
         p4, carried = p4 ^ carried, p4 & carried
@@ -57,6 +88,7 @@ def add_masks(masks: Any, count: Any, sums: Any, digit: Any) -> None:
             put(sums, place, plane ^ carried)
             carried = plane & carried
             place += U(1)
+        k += U(8)
     put(sums, d, p0)
     put(sums, d + U(1), p1)
     put(sums, d + U(2), p2)

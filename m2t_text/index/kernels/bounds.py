@@ -16,12 +16,13 @@ al., ICRA 2016), in three stages:
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bit_sums import DIGITS, add_masks, add_sums, at_least, clear, largest
 from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, fine_bitmaps
 from m2t_text.index.kernels.bound_tables import FIRST, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.simd import LANES, at, by_lane, bytes_at, every, full, gathered, put, some
+from m2t_text.index.kernels.simd import LANES, at, by_lane, every, full, put, some
 from m2t_text.index.kernels.unpacking import cells_of, some_cells_of
 from m2t_text.util.compiling import inner, kernel
 
@@ -56,32 +57,20 @@ def _places(x: Any, y: Any, size: Any, dx: Any, dy: Any, masks: Any, places: Any
 
 
 @inner
-def _add_cells(rows: Any, places: Any, count: Any, masks: Any, sums: Any) -> None:
+def _add_cells(rows: Any, places: Any, count: Any, sums: Any) -> None:
     """Makes ``sums`` those of the masks at places."""
     clear(sums)
-    for k in range(U(count)):
-        put(masks, k, bytes_at(rows, U(places[k])))
-    add_masks(masks, count, sums, np.int64(0))
+    add_masks(rows, places, np.int64(0), count, sums, np.int64(0))
     for digit in range(U(DIGITS)):
         put(sums, digit, by_lane(at(sums, digit)))
 
 
 @inner
-def _add_windows(
-    windows: Any, cells: Any, begin: Any, end: Any, move: Any, masks: Any, sums: Any, digit: Any
-) -> None:
-    """Adds the bitmaps at the query's cells, moved by so many bytes; see `add_masks`."""
-    for k in range(U(end - begin)):
-        put(masks, k, gathered(windows, cells, U(begin) + k, move))
-    add_masks(masks, end - begin, sums, digit)
-
-
-@inner
-def _add_coarse(tables: Any, g: Any, windows: Any, masks: Any, sums: Any) -> None:
+def _add_coarse(tables: Any, g: Any, windows: Any, sums: Any) -> None:
     """Adds |Q'|, without the far keypoints, under each coarse step of a group of views."""
     for digit in range(tables.begins.shape[1] - 1):
         begin, end = tables.begins[g, digit], tables.begins[g, digit + 1]
-        _add_windows(windows, tables.cells[g], begin, end, np.int64(0), masks, sums, digit)
+        add_masks((windows, np.int64(0)), tables.cells[g], begin, end, sums, digit)
 
 
 class Room(NamedTuple):
@@ -90,51 +79,29 @@ class Room(NamedTuple):
     Attributes:
         x, y: (N,) int32 cells of a map.
         places: (N,) uint32 of them in a table.
-        masks: (N, LANES) uint64 of them, or of as many of the query's.
         sums: (G, DIGITS, LANES) uint64 of the map's keypoints, for each group of views.
+        promising: (G,) bool whether a group of views may reach what is needed.
+        drawn: (1,) bool whether the map is drawn on the fine grid.
         here, total, block: (DIGITS, LANES) uint64 of the query's keypoints, of both, and of a block.
     """
 
     x: Any
     y: Any
     places: Any
-    masks: Any
     sums: Any
+    promising: Any
+    drawn: Any
     here: Any
     total: Any
     block: Any
 
     @classmethod
-    def of(cls, texts: Texts, documents: Any, query: int, groups: int) -> "Room":
-        """Enough for any of the documents, for so many keypoints of the query and groups of its views."""
-        most = max(query, texts.largest(documents)) + 8
+    def of(cls, texts: Texts, documents: Any, groups: int) -> "Room":
+        """Enough for any of the documents, and so many groups of views of the query."""
+        most = texts.largest(documents) + 8
         x, y, places = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.uint32)
-        masks, sums = np.empty((most, LANES), np.uint64), np.empty((groups, DIGITS, LANES), np.uint64)
-        return cls(x, y, places, masks, sums, *np.empty((3, DIGITS, LANES), np.uint64))
-
-
-def estimates(texts: Texts, documents: Any, tables: CoarseTables, shares: Any) -> None:
-    """Writes to ``shares`` (K,) how well documents may fit, by the few keypoints that are looked at.
-
-    The share of them that lie near the query's under the best coarse step is taken for that of all, and as many
-    of the query's are taken to match.
-    """
-    _estimates(texts, documents, tables, Room.of(texts, documents, 0, 1), shares)
-
-
-@kernel
-def _estimates(texts: Any, documents: Any, tables: Any, room: Any, shares: Any) -> None:
-    x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums[0]
-    for k in range(len(documents)):
-        size = texts.starts[documents[k] + 1] - texts.starts[documents[k]]
-        few = some_cells_of(texts, documents[k], SAMPLED, x, y)
-        count = _places(x, y, few, np.int64(0), np.int64(0), tables.masks, places)
-        best = np.int64(0)
-        for g in range(len(tables.cells)):
-            _add_cells(tables.masks.rows[g], places, count, masks, sums)
-            best = max(best, largest(sums, ~U(0)))
-        near = best / max(few, np.int64(1)) * size
-        shares[k] = (near + min(near, float(tables.size))) / (tables.size + size)
+        sums, flags = np.empty((groups, DIGITS, LANES), np.uint64), np.zeros(groups + 1, np.bool_)
+        return cls(x, y, places, sums, flags[1:], flags[:1], *np.empty((3, DIGITS, LANES), np.uint64))
 
 
 @inner
@@ -173,92 +140,114 @@ def _add_block(fine_tables: Any, g: Any, row: Any, column: Any, size: Any, room:
     x, y, places = room.x, room.y, room.places
     dx, dy = FIRST + 2 * STEP * row, FIRST + 2 * STEP * column
     count = _places(x, y, size, dx, dy, fine_tables.masks, places)
-    _add_cells(fine_tables.masks.rows[g], places, count, room.masks, room.block)
+    _add_cells(fine_tables.masks.rows[g], places, count, room.block)
     _spread(room.here, row, column, room.total)
     add_sums(room.block, room.total, room.total)
     return largest(room.total, OF_A_BLOCK)
 
 
-class Scratches(NamedTuple):
-    """Room for a map, of COARSE and of FINE, and how closely it is looked at.
+class Look(NamedTuple):
+    """How closely maps are looked at, and room for one of them.
 
     Attributes:
-        coarse, fine: the two.
-        few: blocks of a group of views up to which they are looked at.
-        tight: whether the fine sums of both maps' keypoints count.
+        coarse, fine: scratch of COARSE and of FINE.
+        sampled: whether few of the map's keypoints count, and none of the query's.
+        few: blocks of a group of views up to which the second stage follows.
+        tight: whether the third stage follows.
     """
 
     coarse: Scratch
     fine: Scratch
+    sampled: bool = False
     few: int = FEW
     tight: bool = False
 
 
+def estimates(
+    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, look: Look
+) -> NDArray[np.float64]:
+    """(K,) how well documents may fit, by the few keypoints that are looked at.
+
+    The share of them that lie near the query's under the best coarse step is taken for that of all, and as many
+    of the query's are taken to match.
+    """
+    sizes, nothing = texts.starts[documents + 1] - texts.starts[documents], np.zeros(len(documents), np.int32)
+    best = coarse_bounds(texts, documents, tables, fine_tables, nothing, look._replace(sampled=True))
+    near = best / np.maximum(-(-sizes // SAMPLED), 1) * sizes
+    return (near + np.minimum(near, tables.size)) / (tables.size + sizes)
+
+
 def coarse_bounds(
-    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any,
-    scratches: Scratches, bounds: Any,
-) -> None:  # fmt: skip
-    """What |Q'| + |M'| of `agreement.agree` cannot exceed.
+    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any, look: Look
+) -> NDArray[np.int32]:
+    """(K,) what |Q'| + |M'| of `agreement.agree` cannot exceed, 0 where what is needed cannot be reached.
 
     Args:
         texts: of a segment.
         documents: (K,) int64 their numbers.
-        needed: (K,) the least |Q'| + |M'| of interest.
-        scratches: for a map.
-        bounds: (K,) int32 result, 0 where what is needed cannot be reached.
+        needed: (K,) int32 the least |Q'| + |M'| of interest.
+        look: how closely.
     """
-    groups, query = len(tables.cells), max(tables.cells.shape[1], fine_tables.cells.shape[1])
-    room = Room.of(texts, documents, query, groups)
-    _bounds(texts, documents, tables, fine_tables, needed, scratches, room, np.zeros(groups, np.bool_), bounds)
+    room, bounds = Room.of(texts, documents, len(tables.cells)), np.zeros(len(documents), np.int32)
+    _bounds(texts, documents, tables, fine_tables, needed, look, room, bounds)
+    return bounds
 
 
 def fine_bounds(
-    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any,
-    scratches: Scratches, bounds: Any,
-) -> None:  # fmt: skip
-    """The same, tighter: of all blocks that may reach what is needed the third stage is taken, too."""
-    closer = scratches._replace(few=16, tight=True)
-    coarse_bounds(texts, documents, tables, fine_tables, needed, closer, bounds)
+    texts: Texts, documents: Any, tables: CoarseTables, fine_tables: FineTables, needed: Any, look: Look
+) -> NDArray[np.int32]:
+    """The same, tighter: all stages are taken of all blocks that may reach what is needed."""
+    closer = look._replace(few=16, tight=True)
+    return coarse_bounds(texts, documents, tables, fine_tables, needed, closer)
 
 
 @kernel
 def _bounds(
-    texts: Any, documents: Any, tables: Any, fine_tables: Any, needed: Any, scratches: Any, room: Any,
-    promising: Any, bounds: Any,
-) -> None:  # fmt: skip
-    x, y, places, masks, sums = room.x, room.y, room.places, room.masks, room.sums
+    texts: Any, documents: Any, tables: Any, fine_tables: Any, needed: Any, look: Any, room: Any, bounds: Any
+) -> None:
+    x, y, places, sums = room.x, room.y, room.places, room.sums
     for k in range(len(documents)):
-        size = cells_of(texts, documents[k], x, y)
+        if look.sampled:
+            size = some_cells_of(texts, documents[k], SAMPLED, x, y)
+        else:
+            size = cells_of(texts, documents[k], x, y)
         count = _places(x, y, size, np.int64(0), np.int64(0), tables.masks, places)
-        hope = False
+        best, hope = np.int64(0), False
         for g in range(len(tables.cells)):
-            _add_cells(tables.masks.rows[g], places, count, masks, sums[g])
-            # if not even all of the query's keypoints would do, then nothing does
-            promising[g] = some(at_least(sums[g], max(np.int64(needed[k]) - tables.size, np.int64(0))))
-            hope = hope or promising[g]
-        best = np.int64(0)
+            _add_cells(tables.masks.rows[g], places, count, sums[g])
+            if look.sampled:
+                best = max(best, largest(sums[g], ~U(0)))
+            else:  # if not even all of the query's keypoints would do, then nothing does
+                others = max(np.int64(needed[k]) - tables.size, np.int64(0))
+                room.promising[g] = some(at_least(sums[g], others))
+                hope = hope or room.promising[g]
         if hope:
-            coarse_bitmaps(x, y, size, scratches.coarse, places)
-            drawn = False
+            coarse_bitmaps(x, y, size, look.coarse, places)
+            room.drawn[0] = False
             for g in range(len(tables.cells)):
-                if not promising[g]:
-                    continue
-                steps = _add_both(tables, g, needed[k], scratches.coarse, sums[g], room)
-                if _blocks(steps) > scratches.few:
-                    best = max(best, largest(room.total, ~U(0)) + tables.far)
-                    continue
-                for block in range(16):
-                    row, column = block // 4, block % 4
-                    if not some(_of_block(steps, row, column)):
-                        continue
-                    most = _add_block(fine_tables, g, row, column, size, room) + tables.far
-                    if scratches.tight and most >= needed[k]:
-                        if not drawn:
-                            fine_bitmaps(x, y, size, scratches.fine)
-                            drawn = True
-                        most = _add_fine(fine_tables, g, row, column, scratches.fine, room) + tables.far
-                    best = max(best, most)
+                if room.promising[g]:
+                    best = max(best, _most(tables, fine_tables, g, size, needed[k], look, room) + tables.far)
         bounds[k] = best if best >= needed[k] else 0
+
+
+@inner
+def _most(tables: Any, fine_tables: Any, g: Any, size: Any, needed: Any, look: Any, room: Any) -> Any:
+    """The largest sum of both, without the query's far keypoints, that a group of views may reach; the map is
+    drawn on the coarse grid."""
+    steps, best = _add_both(tables, g, needed, look.coarse, room.sums[g], room), np.int64(0)
+    if _blocks(steps) > look.few:
+        return largest(room.total, ~U(0))
+    for block in range(16):
+        row, column = block // 4, block % 4
+        if some(_of_block(steps, row, column)):
+            most = _add_block(fine_tables, g, row, column, size, room)
+            if look.tight and most + tables.far >= needed:
+                if not room.drawn[0]:
+                    fine_bitmaps(room.x, room.y, size, look.fine)
+                    room.drawn[0] = True
+                most = _add_fine(fine_tables, g, row, column, look.fine, room)
+            best = max(best, most)
+    return best
 
 
 @inner
@@ -266,7 +255,7 @@ def _add_both(tables: Any, g: Any, needed: Any, scratch: Any, there: Any, room: 
     """Makes ``room.here`` the coarse sums of the query's keypoints and ``room.total`` those of both, the map
     being drawn and ``there`` those of its own; returns the steps that reach what is needed."""
     clear(room.here)
-    _add_coarse(tables, g, scratch.window_bytes, room.masks, room.here)
+    _add_coarse(tables, g, scratch.window_bytes, room.here)
     add_sums(there, room.here, room.total)
     return at_least(room.total, max(np.int64(needed) - tables.far, np.int64(0)))
 
@@ -277,5 +266,5 @@ def _add_fine(fine_tables: Any, g: Any, row: Any, column: Any, scratch: Any, roo
     the largest."""
     cells, zero = fine_tables.cells[g], np.int64(0)
     move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
-    _add_windows(scratch.window_bytes, cells, zero, len(cells), move, room.masks, room.block, zero)
+    add_masks((scratch.window_bytes, move), cells, zero, len(cells), room.block, zero)
     return largest(room.block, OF_A_BLOCK)

@@ -1,6 +1,7 @@
 """Scores and their bounds: what a query's weighting asks of the compiled code."""
 
 import threading
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -102,7 +103,7 @@ class Scratch(threading.local):
     """Room for a map on both grids, kept by each thread from one call to the next."""
 
     def __init__(self) -> None:
-        self.rooms = bounds.Scratches(COARSE.scratch(), FINE.scratch())
+        self.look = bounds.Look(COARSE.scratch(), FINE.scratch())
 
 
 class AgreementQuery:
@@ -151,10 +152,9 @@ class AgreementScorer:
         self._scratch = Scratch()
 
     def estimate(self, name: str, documents: Documents) -> Floats:
-        shares = np.zeros(len(documents))
-        if len(self._query.seen.wa):
-            bounds.estimates(self._texts(name), documents, self._query.coarse, shares)
-        return shares
+        if not len(self._query.seen.wa):
+            return np.zeros(len(documents))
+        return bounds.estimates(self._texts(name), documents, *self._bounder)
 
     @cached_property
     def sieves(self) -> bool:
@@ -167,20 +167,25 @@ class AgreementScorer:
         return reaching
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
-        if not self._bounded:
-            return np.full(len(documents), float(len(self._query.seen.wa) > 0))
-        needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
-        texts, rooms = self._texts(name), self._scratch.rooms
-        bounds.coarse_bounds(texts, documents, self._query.coarse, self._query.fine, needed, rooms, most)
-        return most / self._sizes(name, documents)
+        return self._shares(bounds.coarse_bounds, name, documents, threshold)
 
     def fine_bound(self, name: str, documents: Documents, threshold: float) -> Floats:
+        return self._shares(bounds.fine_bounds, name, documents, threshold)
+
+    def _shares(
+        self, bounds_of: Callable[..., NDArray[np.int32]], name: str, documents: Documents, threshold: float
+    ) -> Floats:
+        """What the shares of documents (K,) cannot exceed."""
         if not self._bounded:
             return np.full(len(documents), float(len(self._query.seen.wa) > 0))
-        needed, most = self._needed(name, documents, threshold), np.zeros(len(documents), dtype=np.int32)
-        texts, rooms = self._texts(name), self._scratch.rooms
-        bounds.fine_bounds(texts, documents, self._query.coarse, self._query.fine, needed, rooms, most)
+        coarse, fine, look = self._bounder
+        needed = self._needed(name, documents, threshold)
+        most = bounds_of(self._texts(name), documents, coarse, fine, needed, look)
         return most / self._sizes(name, documents)
+
+    @property
+    def _bounder(self) -> tuple[CoarseTables, FineTables, bounds.Look]:
+        return self._query.coarse, self._query.fine, self._scratch.look
 
     @property
     def _bounded(self) -> bool:

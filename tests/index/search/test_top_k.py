@@ -36,21 +36,18 @@ def measured(query: Text, maps: list[Text], turns: tuple[int, ...], directions: 
     texts, documents = Texts.of(maps), np.arange(len(maps))
     seen = views(query, turns, directions)
     both, matched = np.zeros(len(maps), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
-    found, coarse = np.zeros((len(maps), 3), dtype=np.int32), np.zeros(len(maps), dtype=np.int32)
+    found = np.zeros((len(maps), 3), dtype=np.int32)
     agreement.agree(texts, documents, agreement.AgreementTables.of(seen, 10), both, matched, found)
     bounder = bound_tables.CoarseTables.of(seen)
-    finer = bound_tables.FineTables.of(seen, bounder)
-    rooms = bounds.Scratches(COARSE.scratch(), FINE.scratch(), few=0)
-    closer = rooms._replace(few=16)
-    bounds.coarse_bounds(texts, documents, bounder, finer, np.zeros_like(both), rooms, coarse)
-    early, tighter = np.zeros_like(coarse), np.zeros_like(coarse)
-    bounds.coarse_bounds(texts, documents, bounder, finer, both + 1, rooms, early)
+    tables = texts, documents, bounder, bound_tables.FineTables.of(seen, bounder)
+    look = bounds.Look(COARSE.scratch(), FINE.scratch(), few=0)
+    coarse = bounds.coarse_bounds(*tables, np.zeros_like(both), look)
+    early = bounds.coarse_bounds(*tables, both + 1, look)
     assert ((early == coarse) | (early == 0)).all()
-    bounds.coarse_bounds(texts, documents, bounder, finer, np.maximum(both, 1), closer, tighter)
+    tighter = bounds.coarse_bounds(*tables, np.maximum(both, 1), look._replace(few=16))
     assert (tighter >= both).all()
     needed = np.maximum(np.full(len(maps), int(np.median(both)), dtype=np.int32), 1)
-    fine = np.zeros(len(maps), dtype=np.int32)
-    bounds.fine_bounds(texts, documents, bounder, finer, needed, rooms, fine)
+    fine = bounds.fine_bounds(*tables, needed, look)
     return both, coarse, np.maximum(tighter, fine), fine, needed
 
 
@@ -113,7 +110,8 @@ def test_sums_of_bits(masks, digit, number):
 
 @numba.njit
 def add_masks(masks, count, sums, digit):
-    bit_sums.add_masks(masks, count, sums, digit)
+    bytes_of_all = masks.reshape(-1).view(np.uint8)
+    bit_sums.add_masks((bytes_of_all, 0), 8 * np.arange(4 * count).reshape(-1, 4), 0, count, sums, digit)
 
 
 @numba.njit

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.scores import Scores
+from m2t_text.index.search.largest import descending, largest, reached
 from m2t_text.index.search.scorer import Documents, Scorer
 from m2t_text.util.ascending import absent, distinct
 from m2t_text.util.types import Floats
@@ -25,6 +26,9 @@ FEW = 1024  # sample only if more than its size would pass the sieve, as so many
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 TRIED = 3  # times as many documents as looked for are scored in a step, and
 TRIED_OF_PARTS = 4  # times in all parts of a whole together, as the best lie unevenly in them
+MANY = (
+    1024  # times as many values as the largest that are looked for, where these are looked for block by block
+)
 # Documents in a part, at least: to begin one takes as long as some of them take,
 GLANCE = 1024  # by the sieve or to guess their scores,
 LOOK = 64  # for a bound,
@@ -67,12 +71,12 @@ class Promising:
     @property
     def best(self) -> Floats:
         """(K,) the best scores so far, ``top`` at most, in any order."""
-        return self.scores.score[_largest(self.scores.score, self.top)]
+        return self.scores.score[largest(self.scores.score, self.top)]
 
     @property
     def last(self) -> float:
         """A score that the best ``top`` documents reach, by what is known so far."""
-        return max(self.floor, _last(self.scores, self.top))
+        return max(self.floor, reached(self.scores.score, self.top))
 
 
 class TopK:
@@ -154,7 +158,7 @@ class TopK:
         found = promising
         while found.every is None:
             found = self.narrowed(found, floor)
-        top, wanted, scores, done = found.top, found.wanted, found.scores, found.done
+        scores, done, best = found.scores, found.done, found.best
         floor = max(floor, found.floor)
         last = max(floor, found.last)
         rest, bounds = self._hopeful(found, last)
@@ -165,9 +169,11 @@ class TopK:
             size *= GROWTH
             tight = _joined(self._each(self._scorer.fine_bound, MEASURE, np.sort(batch), last))
             close = np.sort(batch)[tight >= last]
-            scores = Scores.joined([scores, self._counted(close, last, wanted)])
-            done = np.append(done, close)
-            last = max(floor, _last(scores, top))
+            more = self._counted(close, last, found.wanted)
+            scores, done = Scores.joined([scores, more]), np.append(done, close)
+            best = np.append(best, more.score)
+            best = best[largest(best, found.top)]
+            last = max(floor, reached(best, found.top))
             rest, bounds = rest[bounds >= last], bounds[bounds >= last]
         kept = np.flatnonzero((scores.score > 0) & (scores.score >= last))
         return done[kept], scores[kept]
@@ -199,15 +205,15 @@ class TopK:
         """The places whose bounds reach the score of the last, and the bounds, the largest first."""
         assert found.every is not None
         assert found.estimate is not None
-        others = absent(found.every, found.done)
-        every, bounds = found.every[others], found.estimate[others]
+        every, bounds = found.every, found.estimate
         if self._sieves and last > found.floor:
             few = FEW // found.parts
             every = self._sieved(every, last, self._share(every, last, few) if len(every) > few else 0.0)
         if not self._scorer.estimates_are_bounds:
             bounds = _joined(self._each(self._scorer.bound, LOOK, every, last))
         hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
-        hopeful = hopeful[_descending(bounds[hopeful])]
+        hopeful = hopeful[absent(every[hopeful], found.done)]
+        hopeful = hopeful[descending(bounds[hopeful])]
         return every[hopeful], bounds[hopeful]
 
     def _sampled(self, found: Promising, likely: NDArray[np.int64] | None = None) -> Promising:
@@ -220,7 +226,7 @@ class TopK:
 
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""
-        best = found.done[_largest(found.scores.score, -(-found.tried // 2))]
+        best = found.done[largest(found.scores.score, -(-found.tried // 2))]
         places = distinct(best[:, None] + np.arange(-AROUND, AROUND + 1))
         inside = places[(places >= 0) & (places < len(self._documents))]
         return inside[absent(inside, found.done)]
@@ -229,7 +235,7 @@ class TopK:
         """What is known once those that promise most of ascending places are scored, too."""
         estimate = _joined(self._each(self._scorer.estimate, GLANCE, places))
         others = np.flatnonzero(absent(places, found.done))
-        best = _largest(np.append(found.guesses, estimate[others]), found.tried) - len(found.done)
+        best = largest(np.append(found.guesses, estimate[others]), found.tried) - len(found.done)
         chosen = others[np.sort(best[best >= 0])]
         scores = self._counted(places[chosen], found.floor, found.wanted)
         return replace(
@@ -270,24 +276,3 @@ class TopK:
 
 def _joined(parts: Sequence[Floats]) -> Floats:
     return np.concatenate([np.zeros(0), *parts])
-
-
-def _descending(values: Floats) -> NDArray[np.int64]:
-    """The order of values from the largest; 16 bits of each count, which are sorted in linear time."""
-    most = float(values.max(initial=0.0))
-    keys = np.floor(values * (65535 / most)) if most > 0 else values
-    return np.argsort((65535 - keys).astype(np.uint16), kind="stable")
-
-
-def _largest(values: Floats, count: int) -> NDArray[np.int64]:
-    """The places of the largest values, in any order."""
-    if len(values) <= count:
-        return np.arange(len(values))
-    return np.argpartition(-values, count)[:count]
-
-
-def _last(scores: Scores, top: int) -> float:
-    """The score that the best ``top`` reach, 0 while there are fewer."""
-    if len(scores.score) < top:
-        return 0.0
-    return float(np.partition(scores.score, len(scores.score) - top)[len(scores.score) - top])

@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -179,14 +178,13 @@ def test_optimizing_drops_only_what_was_removed() -> None:
 
 
 BLOCKED = """
-import sys, time
-from pathlib import Path
+import sys
 from m2t_text.index.writing import map_writer, merge_policy
 from m2t_text.cli import main
 
 def block(*arguments):
-    Path("working").touch()
-    time.sleep(60)
+    print("working", flush=True)
+    sys.stdin.read()  # until the test has ended
 
 if sys.argv.pop(1) == "copying":
     merge_policy._WatchedReader.iter_docs = block
@@ -210,14 +208,12 @@ def test_an_ended_command_changes_nothing(ending: signal.Signals, moment: str, l
     made("target", one=9, two=1)
     made("other", two=3)
     before = held("target")
-    process = subprocess.Popen(
-        [sys.executable, "-c", BLOCKED, moment, *line.split()], stderr=subprocess.PIPE, text=True
-    )
-    while not Path("working").exists():
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-c", BLOCKED, moment, *line.split()], text=True, **pipes)
+    assert process.stdout is not None and process.stdout.readline() == "working\n", process.communicate()
     process.send_signal(ending)
-    message = process.communicate(timeout=20)[1]
+    assert process.wait(20) == (130 if ending == signal.SIGINT else -ending)
+    message = process.communicate()[1]
     assert message == ("m2t-text: interrupted; nothing was left half done\n" if ending == signal.SIGINT else "")
     assert held("target") == before
     made("third", four=4)

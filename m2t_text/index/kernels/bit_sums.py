@@ -15,8 +15,7 @@ from m2t_text.index.kernels.simd import at, bytes_at, every, gathered, put, some
 from m2t_text.util.compiling import inlined, inner
 
 U = np.uint64
-DIGITS = 24  # of a sum
-INNER = 9  # of them are held in registers while masks are added
+INNER = 9  # digits that are held in registers while masks are added; sums have as many from the lowest one on
 
 
 @inlined
@@ -60,7 +59,7 @@ def add_masks(source: Any, places: Any, begin: Any, end: Any, sums: Any, digit: 
             together; see `by_lane`. Or the bytes in source[0] (N,) from those of places (K, 4) on, for each
             lane, moved by source[1] bytes.
         begin, end: numbers of the first mask and of the one behind the last, a multiple of four apart.
-        sums: (DIGITS, 4) uint64, the binary digits of the sums.
+        sums: (D, 4) uint64, the binary digits of the sums.
         digit: 0 to add each mask once, 1 twice, 2 four times, ...
     """
     d = U(digit)
@@ -100,15 +99,15 @@ def add_masks(source: Any, places: Any, begin: Any, end: Any, sums: Any, digit: 
 @inner
 def clear(sums: Any) -> None:
     """Makes all sums zero."""
-    for digit in range(DIGITS):
+    for digit in range(len(sums)):
         put(sums, U(digit), every(U(0)))
 
 
 @inner
 def add_sums(sums: Any, others: Any, result: Any) -> None:
-    """Writes the sums of two (DIGITS, 4) uint64 sums to a third."""
+    """Writes the sums of two (D, 4) uint64 sums to a third."""
     carried = every(U(0))
-    for digit in range(U(DIGITS)):
+    for digit in range(U(len(sums))):
         a, b = at(sums, digit), at(others, digit)
         put(result, digit, a ^ b ^ carried)
         carried = (a & b) | (carried & (a ^ b))
@@ -118,7 +117,7 @@ def add_sums(sums: Any, others: Any, result: Any) -> None:
 def largest(sums: Any, among: Any) -> Any:
     """The largest of the sums whose bits ``among`` has in any lane."""
     left, value = every(U(among)), 0
-    for digit in range(DIGITS - 1, -1, -1):
+    for digit in range(len(sums) - 1, -1, -1):
         higher = left & at(sums, U(digit))
         if some(higher):
             left = higher
@@ -128,9 +127,9 @@ def largest(sums: Any, among: Any) -> Any:
 
 @inlined
 def at_least(sums: Any, number: Any) -> Any:
-    """A mask of the sums that reach a number; it is not negative."""
+    """A mask of the sums that reach a number, which is not negative and has no more digits than they have."""
     greater, equal = every(U(0)), every(~U(0))
-    for digit in range(DIGITS - 1, -1, -1):
+    for digit in range(len(sums) - 1, -1, -1):
         plane = at(sums, U(digit))
         if (number >> digit) & 1:
             equal = equal & plane

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.index.kernels.bit_sums import DIGITS, add_masks, add_sums, at_least, clear, largest
+from m2t_text.index.kernels.bit_sums import INNER, add_masks, add_sums, at_least, clear, largest
 from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, fine_bitmaps
 from m2t_text.index.kernels.bound_tables import FIRST, MOVED, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
@@ -81,7 +81,7 @@ def _add_cells(rows: Any, places: Any, count: Any, sums: Any) -> None:
     """Makes ``sums`` those of the masks at places."""
     clear(sums)
     add_masks(rows, places, np.int64(0), count, sums, np.int64(0))
-    for digit in range(U(DIGITS)):
+    for digit in range(U(len(sums))):
         put(sums, digit, by_lane(at(sums, digit)))
 
 
@@ -99,10 +99,10 @@ class Room(NamedTuple):
     Attributes:
         x, y: (N,) int32 cells of a map.
         places, fine_places: (N,) uint32 of them in the tables.
-        sums: (G, DIGITS, LANES) uint64 of the map's keypoints, for each group of views.
+        sums: (G, D, LANES) uint64 of the map's keypoints, for each group of views.
         promising: (G,) bool whether a group of views may reach what is needed.
         drawn: (1,) bool whether the map is drawn on the fine grid.
-        here, total, block: (DIGITS, LANES) uint64 of the query's keypoints, of both, and of a block.
+        here, total, block: (D, LANES) uint64 of the query's keypoints, of both, and of a block.
     """
 
     x: Any
@@ -117,14 +117,15 @@ class Room(NamedTuple):
     block: Any
 
     @classmethod
-    def of(cls, texts: Texts, documents: Any, groups: int) -> "Room":
-        """Enough for any of the documents, and so many groups of views of the query."""
-        most = texts.largest(documents) + 8
+    def of(cls, texts: Texts, documents: Any, tables: CoarseTables) -> "Room":
+        """Enough for any of the documents and the query."""
+        groups, most = len(tables.cells), texts.largest(documents) + 8
+        digits = max((most + tables.size).bit_length(), INNER + tables.begins.shape[1])
         x, y = np.empty((2, most), np.int32)
         places, fine_places = np.empty((2, most), np.uint32)
-        sums, flags = np.empty((groups, DIGITS, LANES), np.uint64), np.zeros(groups + 1, np.bool_)
+        sums, flags = np.empty((groups, digits, LANES), np.uint64), np.zeros(groups + 1, np.bool_)
         return cls(
-            x, y, places, fine_places, sums, flags[1:], flags[:1], *np.empty((3, DIGITS, LANES), np.uint64)
+            x, y, places, fine_places, sums, flags[1:], flags[:1], *np.empty((3, digits, LANES), np.uint64)
         )
 
 
@@ -148,7 +149,7 @@ def _blocks(steps: Any) -> Any:
 def _spread(sums: Any, row: Any, column: Any, result: Any) -> None:
     """Writes the coarse sums of a block's steps to ``result``, each for all of its offsets."""
     first = U(16 * row + 2 * column)
-    for digit in range(U(DIGITS)):
+    for digit in range(U(len(sums))):
         plane, spread = at(sums, digit), every(U(0))
         for step in range(U(4)):
             i, j = step >> U(1), step & U(1)
@@ -210,7 +211,7 @@ def coarse_bounds(
         needed: (K,) int32 the least |Q'| + |M'| of interest.
         look: how closely.
     """
-    room, bounds = Room.of(texts, documents, len(tables.cells)), np.zeros(len(documents), np.int32)
+    room, bounds = Room.of(texts, documents, tables), np.zeros(len(documents), np.int32)
     _bounds(texts, documents, tables, fine_tables, needed, look, room, bounds)
     return bounds
 

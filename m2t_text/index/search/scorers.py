@@ -197,7 +197,7 @@ class AgreementScorer:
         sizes = self._sizes(name, documents)
         needed = np.ceil(threshold * sizes)
         needed -= (needed - 1) / sizes >= threshold  # where rounding went up
-        return needed.astype(np.int32)
+        return np.minimum(needed, sizes + 1).astype(np.int32)  # more cannot be reached either
 
     def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
         if not len(self._query.seen.wa) or not len(documents):

@@ -19,6 +19,7 @@ from m2t_text.index.search import collection, top_k
 pytestmark = pytest.mark.usefixtures("two_threads")
 
 U = np.uint64
+DIGITS = 24  # of a sum
 
 
 def walls(rng: np.random.Generator, keypoints: int, span: int, words: int = 40) -> Text:
@@ -91,7 +92,7 @@ def test_the_fine_bound_is_the_largest_overlap_of_all_offsets():
 )
 def test_sums_of_bits(masks, digit, number):
     filled = np.array([*masks, *[(0, 0, 0, 0)] * (-len(masks) % 8)], dtype=np.uint64).reshape(-1, 4)
-    sums = np.zeros((bit_sums.DIGITS, 4), dtype=np.uint64)
+    sums = np.zeros((DIGITS, 4), dtype=np.uint64)
     add_masks(filled, len(filled), sums, 0)
     add_masks(filled, len(filled), sums, digit)
     reaching = np.zeros((1, 4), dtype=np.uint64)
@@ -126,7 +127,7 @@ def written_at_least(sums, number, rows):
 
 def test_sums_that_need_many_digits():
     masks = np.full((6000, 4), ~U(0))
-    sums = np.zeros((bit_sums.DIGITS, 4), dtype=np.uint64)
+    sums = np.zeros((DIGITS, 4), dtype=np.uint64)
     add_masks(masks, 6000, sums, 3)
     assert largest(sums, ~U(0)) == 48_000
 

@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from m2t_text.description.free_squares import CELL_RANGE, MAX_SIDE, MIN_SIDE, CellGrid, FreeSquares
-from m2t_text.util.compiling import inner, kernel
+from m2t_text.util.compiling import inlined, inner, kernel
 from m2t_text.util.geometry import between, compose
 from m2t_text.util.types import Floats
 
@@ -104,31 +105,24 @@ def _resampled(free: FreeSpace, cell: float) -> CellGrid:
 def _look_up(cells: Mask, pose: Floats, own: float, cell: float, x: int, y: int, found: Mask) -> None:
     """Fills in the cells of an upright grid that begins at (x, y) from those of what is free."""
     height = found.shape[1]
+    lowest: Any = np.int64(0)
     c, s = np.cos(pose[2]) * cell / own, np.sin(pose[2]) * cell / own
     for k in range(found.shape[0]):
         dx, dy = x + k + 0.5 - pose[0] / cell, y + 0.5 - pose[1] / cell
         i, j = c * dx + s * dy, c * dy - s * dx  # of the first middle of the row, in the cells looked up
-        first, last = _within(i, s, cells.shape[0], 0, height)
+        first, last = _within(i, s, cells.shape[0], lowest, height)
         first, last = _within(j, c, cells.shape[1], first, last)
         row = found[k]
         for m in range(first, last):
             row[m] = cells[math.floor(i + m * s), math.floor(j + m * c)]
 
 
-@kernel
 def bounding_box(cells: Mask) -> tuple[int, int, int, int]:
     """Least x and y of the marked cells, and those just beyond the greatest; all 0 where there are none."""
-    left, low, right, high = cells.shape[0], cells.shape[1], 0, 0
-    for i in range(cells.shape[0]):
-        row, begin, end = cells[i], 0, cells.shape[1]
-        while begin < end and not row[begin]:
-            begin += 1
-        if begin == end:
-            continue
-        while not row[end - 1]:
-            end -= 1
-        left, low, right, high = min(left, i), min(low, begin), i + 1, max(high, end)
-    return (left, low, right, high) if right else (0, 0, 0, 0)
+    columns, rows = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
+    if not len(columns):
+        return 0, 0, 0, 0
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 @inner
@@ -214,7 +208,7 @@ def _grow(cells: Mask, sides: Cells, squares: Cells) -> int:
     return n
 
 
-@inner
+@inlined
 def _held(sides: Cells, i: int, j: int) -> bool:
     """Whether a larger square holds the greatest one with this lower corner."""
     return (
@@ -254,7 +248,7 @@ def _take(left: Mask, squares: Cells) -> int:
     return n
 
 
-@inner
+@inlined
 def _marked(cells: Mask, x: int, y: int, side: int) -> int:
     """How many cells of a square are marked."""
     count = 0

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from m2t_text.util.compiling import inner, kernel
+from m2t_text.util.compiling import kernel
 from m2t_text.util.geometry import wrap
 from m2t_text.util.types import Floats, Ints
 
@@ -22,68 +22,60 @@ def projection_entropies(points: Floats, angles: Floats) -> Floats:
     """
     entropies, count = np.zeros(len(angles)), len(points)
     if count:
-        x, y = np.ascontiguousarray(points.T)
-        widest = float(np.hypot(np.ptp(x), np.ptp(y)))
+        axes = np.ascontiguousarray(points.T)
+        widest = float(np.hypot(np.ptp(axes[0]), np.ptp(axes[1])))
         room = np.empty((2, int(widest / BIN) + 3))  # for all bins, whatever the angle
-        _entropies(x, y, angles, np.empty((2, count)), np.empty((2, count), dtype=np.int64), room, entropies)
+        _entropies(axes, angles, np.empty((2, count)), np.empty((2, count), dtype=np.int64), room, entropies)
     return entropies
 
 
 @kernel
 def _entropies(
-    x: Floats, y: Floats, angles: Floats, along: Floats, bins: Ints, room: Floats, entropies: Floats
+    axes: Floats, angles: Floats, along: Floats, bins: Ints, room: Floats, entropies: Floats
 ) -> None:
-    """Writes the entropies (A,) of points (N,), N >= 1. Short loops, so that the processor takes several points
-    at once, and both axes in one where each point has to wait for the last.
+    """Writes the entropies (A,) of points (2, N), N >= 1.
+
+    Short loops, so that the processor takes several points at once, and both axes in one where each point has
+    to wait for the last.
 
     Args:
         along, bins: (2, N) room for the projections and their bins.
         room: (2, B) for the histograms.
     """
-    n = len(x)
+    n = axes.shape[1]
     u, v, bins_u, bins_v, histogram_u, histogram_v = along[0], along[1], bins[0], bins[1], room[0], room[1]
     for a in range(len(angles)):
-        c, s = np.cos(angles[a]), np.sin(angles[a])
-        for i in range(n):
-            u[i] = c * x[i] + s * y[i]
-        for i in range(n):
-            v[i] = c * y[i] - s * x[i]
+        c, s = math.cos(angles[a]), math.sin(angles[a])
+        for axis in range(2):
+            ahead, beside, projected = axes[axis], axes[1 - axis], along[axis]
+            for i in range(n):
+                projected[i] = c * ahead[i] + s * beside[i]
+            s = -s
         low_u, high_u, low_v, high_v = u[0], u[0], v[0], v[0]
         for i in range(n):
             low_u, high_u = min(low_u, u[i]), max(high_u, u[i])
             low_v, high_v = min(low_v, v[i]), max(high_v, v[i])
-        _divide(u, low_u, bins_u)
-        _divide(v, low_v, bins_v)
-        count_u, count_v = math.floor((high_u - low_u) / BIN) + 2, math.floor((high_v - low_v) / BIN) + 2
-        for k in range(count_u):
-            histogram_u[k] = 0.0
-        for k in range(count_v):
-            histogram_v[k] = 0.0
+        for axis in range(2):
+            projected, own, low = along[axis], bins[axis], low_u if axis == 0 else low_v
+            for i in range(n):
+                place = (projected[i] - low) / BIN
+                own[i] = place  # cut off
+                projected[i] = place - own[i]
+            for k in range(room.shape[1]):
+                room[axis, k] = 0.0
         for i in range(n):
             histogram_u[bins_u[i]] += 1 - u[i]
             histogram_u[bins_u[i] + 1] += u[i]
             histogram_v[bins_v[i]] += 1 - v[i]
             histogram_v[bins_v[i] + 1] += v[i]
-        entropies[a] = _entropy(histogram_v, count_v, n, _entropy(histogram_u, count_u, n, 0.0))
-
-
-@inner
-def _divide(along: Floats, low: float, bins: Ints) -> None:
-    """Writes the bins of projections (N,), which begin at ``low``, and how far each lies in its bin."""
-    for i in range(len(along)):
-        place = (along[i] - low) / BIN
-        bins[i] = int(place)
-        along[i] = place - bins[i]
-
-
-@inner
-def _entropy(histogram: Floats, bins: int, n: int, before: float) -> float:
-    """The entropy of the first ``bins`` of a histogram of ``n`` points, and what was there ``before``."""
-    for k in range(bins):
-        if histogram[k] > 0:
-            share = histogram[k] / n
-            before -= share * np.log(share)
-    return before
+        entropy = 0.0
+        for axis in range(2):
+            count = math.floor((high_u - low_u if axis == 0 else high_v - low_v) / BIN) + 2
+            for k in range(count):
+                if room[axis, k] > 0:
+                    share = room[axis, k] / n
+                    entropy -= share * math.log(share)
+        entropies[a] = entropy
 
 
 def dominant_direction(points: Floats) -> float:

@@ -169,17 +169,18 @@ def _walk_beams(
     before, bearing_before = 0.0, 0.0
     for k in range(len(bearings)):
         length, bearing = lengths[k] / cell, bearings[k] + direction
-        _walk(cells, x, y, bearing, 0.0, length)
         gap = abs(bearing - bearing_before)
-        if before > 0 and gap > 0:
-            end = min(length, before, GAP / gap)
-            _walk(cells, x, y, (bearing + bearing_before) / 2, 1 / gap, end)
+        for amid in range(2 if before > 0 and gap > 0 else 1):
+            towards, begin, end = bearing, 0.0, length
+            if amid:
+                towards, begin, end = (bearing + bearing_before) / 2, 1 / gap, min(length, before, GAP / gap)
+            _walk(cells, x, y, towards, begin, end)
         before, bearing_before = length, bearing
 
 
 @inner
 def _walk(cells: Mask, x: float, y: float, bearing: float, begin: float, end: float) -> None:
     """Marks the cells at every step of one cell along a beam."""
-    c, s = np.cos(bearing), np.sin(bearing)
+    c, s = math.cos(bearing), math.sin(bearing)
     for step in range(math.ceil(begin), math.floor(end) + 1 if end > 0 else 0):
         cells[math.floor(x + step * c), math.floor(y + step * s)] = True

@@ -181,7 +181,7 @@ def _place(
     """Writes where all hits (N,) of the scans are, placed at their poses."""
     n = 0
     for k in range(len(scans)):
-        c, s = np.cos(poses[k, 2]), np.sin(poses[k, 2])
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for i in range(starts[scans[k]], starts[scans[k] + 1]):
             x[n] = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
             y[n] = poses[k, 1] + s * points[i, 0] + c * points[i, 1]

@@ -12,7 +12,7 @@ help:  ## this list
 demo: $(VENV)/.installed  ## see it work: simulate, index, search, draw
 	$(BIN)/m2t-text demo
 
-test: $(VENV)/.installed-test  ## the tests, three minutes on two cores
+test: $(VENV)/.installed-test  ## the tests, two minutes on two cores
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 long-test: $(VENV)/.installed-test  ## the same on whole real drives, and with more examples

@@ -64,16 +64,16 @@ def compile_all_for(parameters: "Parameters") -> None:
 
 
 def compile_beside(groups: "Iterable[Group]") -> None:
-    """Starts a process that compiles what is missing of the groups and can be kept. It outlives this one."""
+    """Starts a process for each of the groups that is missing and can be kept, which compiles it and outlives
+    this one."""
     from m2t_text.util.compiled import missing
     from m2t_text.util.compiling import PACKAGE, are_kept
 
-    chosen = missing(groups)
-    if chosen and are_kept():
+    for group in missing(groups) if are_kept() else ():
         path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
         quiet = subprocess.DEVNULL
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "m2t_text", "warm-up", "--beside", *chosen],
+            [sys.executable, "-P", "-m", "m2t_text", "warm-up", "--beside", group],
             stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True,
             env={**os.environ, "PYTHONPATH": path},
         )  # fmt: skip

@@ -98,12 +98,12 @@ def _score(score: Literal["agreement", "intersection"], verb: str, *threshold: f
 
 STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
     Group.DESCRIBING: (_match_scans, partial(_describe, "paper"), partial(_describe, "default")),
-    Group.AGREEMENT: (
+    Group.BOUNDS: (
         partial(_score, "agreement", "estimate"),
         partial(_score, "agreement", "bound", 0.5),
         partial(_score, "agreement", "fine_bound", 0.5),
-        partial(_score, "agreement", "score"),
     ),
+    Group.AGREEMENT: (partial(_score, "agreement", "score"),),
     Group.INTERSECTION: (
         partial(_score, "intersection", "bound", 0.5),
         partial(_score, "intersection", "score"),

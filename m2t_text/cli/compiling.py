@@ -64,16 +64,19 @@ def compile_all_for(parameters: "Parameters") -> None:
 
 
 def compile_beside(groups: "Iterable[Group]") -> None:
-    """Starts a process for each of the groups that is missing and can be kept, which compiles it and outlives
-    this one."""
+    """Starts processes that compile what is missing of the groups and can be kept. They outlive this one.
+
+    The first group is compiled in a process of its own, beside the others, which share functions.
+    """
     from m2t_text.util.compiled import missing
     from m2t_text.util.compiling import PACKAGE, are_kept
 
-    for group in missing(groups) if are_kept() else ():
+    chosen = missing(groups) if are_kept() else []
+    for together in filter(None, (chosen[:1], chosen[1:])):
         path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
         quiet = subprocess.DEVNULL
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "m2t_text", "warm-up", "--beside", group],
+            [sys.executable, "-P", "-m", "m2t_text", "warm-up", "--beside", *together],
             stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True,
             env={**os.environ, "PYTHONPATH": path},
         )  # fmt: skip

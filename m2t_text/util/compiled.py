@@ -21,6 +21,7 @@ class Group(StrEnum):
     """The kernels that serve one purpose."""
 
     DESCRIBING = "describing"
+    BOUNDS = "bounds"  # of the agreement
     AGREEMENT = "agreement"
     INTERSECTION = "intersection"
     VERIFICATION = "verification"
@@ -28,8 +29,10 @@ class Group(StrEnum):
 
     @classmethod
     def of_search(cls, score: str) -> "list[Group]":
-        """What a search by this score of `MatchingParameters` needs, and the verification of its hits."""
-        return [cls(score), cls.VERIFICATION]
+        """What a search by this score of `MatchingParameters` needs, and the verification of its hits; what
+        takes longest comes first."""
+        bounds = [cls.BOUNDS] if score == cls.AGREEMENT else []
+        return [*bounds, cls(score), cls.VERIFICATION]
 
 
 def missing(groups: Iterable[Group]) -> list[Group]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
+from m2t_text.util.types import Ints
 
 
 def distinct(numbers: Ints) -> Ints:

@@ -95,17 +95,13 @@ class FineTables(NamedTuple):
         cells = [_in_lanes(list(places[g : g + LANES]), FINE.empty) for g in range(0, len(places), LANES)]
         half = coarse.masks.half + BORDER
         length = 2 * half + MARGIN + 9
-        rows = [
-            _rows(seen.wx[g : g + LANES], seen.wy[g : g + LANES], half, 0, 1, length)
-            for g in range(0, len(seen.wx), LANES)
-        ]
-        table = np.stack(rows).reshape(len(rows), 2 * half, length, LANES)
+        table = _rows_by_group(seen, half, 0, 1, length).reshape(-1, 2 * half, length, LANES)
         if coarse.far:  # what lies beyond may match
             table[:, :BORDER] = table[:, -BORDER:] = 255
             table[:, :, :BORDER] = table[:, :, 2 * half - BORDER :] = 255
-        nothing = np.zeros((len(rows), MOVED * (length + 1) + 9, LANES), np.uint8)
-        table = np.concatenate([table.reshape(len(rows), -1, LANES), nothing], axis=1)
-        return cls(half, length, table, np.stack(cells))
+        nothing = np.zeros((len(table), MOVED * (length + 1) + 9, LANES), np.uint8)
+        rows = np.concatenate([table.reshape(len(table), -1, LANES), nothing], axis=1)
+        return cls(half, length, rows, np.stack(cells))
 
 
 def _near(seen: Views) -> NDArray[np.bool_]:
@@ -120,12 +116,18 @@ def _masks(seen: Views, half: int, far: int, first: int, step: int) -> Masks:
     """
     outside = 255 if far else 0
     length = (2 * half + MARGIN - first) // step + 9
-    rows = [
-        _rows(seen.wx[g : g + LANES], seen.wy[g : g + LANES], half, first, step, length)
-        for g in range(0, len(seen.wx), LANES)
-    ]
-    ends = np.repeat(np.array([outside, 0], np.uint8), 8 * LANES).reshape(16, LANES)
-    return Masks(half, np.stack([np.concatenate([part, ends]) for part in rows]), step, length, step * length)
+    rows = _rows_by_group(seen, half, first, step, length)
+    ends = np.repeat(np.array([outside, 0], np.uint8), 8 * LANES).reshape(1, 16, LANES)
+    with_ends = np.concatenate([rows, np.repeat(ends, len(rows), axis=0)], axis=1)
+    return Masks(half, with_ends, step, length, step * length)
+
+
+def _rows_by_group(seen: Views, half: int, first: int, step: int, length: int) -> NDArray[np.uint8]:
+    """(G, 2 half · step · length, LANES) the rows of all groups of views."""
+    groups = range(0, len(seen.wx), LANES)
+    return np.stack(
+        [_rows(seen.wx[g : g + LANES], seen.wy[g : g + LANES], half, first, step, length) for g in groups]
+    )
 
 
 def _rows(

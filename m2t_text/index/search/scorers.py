@@ -99,7 +99,7 @@ class IntersectionScorer(WordScorer):
         return Scores(sums[rows, turn] / norms, count[rows, turn], alignment)
 
 
-class Scratch(threading.local):
+class OwnLook(threading.local):
     """Room for a map on both grids, kept by each thread from one call to the next."""
 
     def __init__(self) -> None:
@@ -149,7 +149,7 @@ class AgreementScorer:
     def __init__(self, query: AgreementQuery, whole: Collection) -> None:
         self._query = query
         self._whole = whole
-        self._scratch = Scratch()
+        self._own = OwnLook()
 
     def estimate(self, name: str, documents: Documents) -> Floats:
         if not len(self._query.seen.wa):
@@ -185,7 +185,7 @@ class AgreementScorer:
 
     @property
     def _bounder(self) -> tuple[CoarseTables, FineTables, bounds.Look]:
-        return self._query.coarse, self._query.fine, self._scratch.look
+        return self._query.coarse, self._query.fine, self._own.look
 
     @property
     def _bounded(self) -> bool:

@@ -141,12 +141,12 @@ class TopK:
         """
         if promising.every is not None:
             return promising
-        found = replace(promising, floor=max(floor, promising.last))
-        share = self._share(self._every, found.floor, FEW // found.parts)
-        most = share * len(self._documents) * found.parts
+        found, every = replace(promising, floor=max(floor, promising.last)), self._every
+        share = self._share(every, found.floor, FEW // found.parts)
+        most = share * len(every) * found.parts
         if found.samples < len(SAMPLES) and most > SAMPLES[found.samples]:
             return self._sampled(found)
-        return self._scored(found, self._sieved(self._every, found.floor, share))
+        return self._scored(found, self._sieved(every, found.floor, share))
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The last step of `best`: looks at the other documents.

@@ -20,6 +20,8 @@ from m2t_text.index.search.weighting import MapWeighting
 from m2t_text.logs.log import Log, Scan
 from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe_survey
+from m2t_text.recognition.raster import Raster
+from m2t_text.recognition.symmetry import other_poses
 from m2t_text.recognition.verification import align
 from m2t_text.util.compiled import Group, compile_once, missing
 from m2t_text.util.types import Progress
@@ -96,6 +98,11 @@ def _score(score: Literal["agreement", "intersection"], verb: str, *threshold: f
     getattr(_scorer(score), verb)("", np.arange(2), *threshold)
 
 
+def _align() -> None:
+    raster, best = Raster.of(_text(), 0.1), align(_text(), [_text()], 0.1)[0]
+    other_poses(raster, raster, best.pose)
+
+
 STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
     Group.DESCRIBING: (_match_scans, partial(_describe, "paper"), partial(_describe, "default")),
     Group.BOUNDS: (
@@ -110,5 +117,5 @@ STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
         lambda: BagScorer(_text(), _whole(), weighted=False).score("", np.arange(2)),
     ),
     Group.SIEVING: (partial(_score, "agreement", "may_reach", 0.5),),
-    Group.VERIFICATION: (lambda: align(_text(), [_text()], 0.1),),
+    Group.VERIFICATION: (_align,),
 }

@@ -1,5 +1,6 @@
 """Degenerate maps: nearly nothing to see, the same from all sides, far away, or of robots that hardly move."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from m2t_text.mapping.normals import cloud_normals
 from m2t_text.pipeline import describe_at, describe_log
 from m2t_text.recognition.finding import Finding, find
 from m2t_text.recognition.queries import Context, Query, resolve
-from m2t_text.recognition.raster import Raster, Shape
-from m2t_text.recognition.symmetry import other_poses
+from m2t_text.recognition.raster import EXTENT, Raster, Shape
+from m2t_text.recognition.symmetry import GRID, meetings, other_poses
 from m2t_text.sources.opening import LogSource, open_source
 from m2t_text.util.geometry import compose, wrap
 
@@ -301,6 +302,22 @@ def test_a_place_that_repeats_itself_may_be_shifted() -> None:
     best = max(other_poses(shape, shape, np.zeros(3)), key=lambda one: one.agreement)
     assert best.inlier_ratio > 0.85
     assert abs(best.pose[0]) == pytest.approx(3.0, abs=0.1) or abs(wrap(best.pose[2])) > 3.0
+
+
+def test_themeetings_are_those_of_a_plain_count() -> None:
+    rng = np.random.default_rng(5)
+    fixed, moved = rng.uniform(-4, 4, (60, 2)), rng.uniform(-25, 25, (3, 40, 2))
+    moved[0] = fixed[:40] + np.array([2.1, -3.0])
+    most, shifts = meetings(fixed, moved)
+    cells = {tuple(c) for c in np.floor(fixed / GRID).astype(int)}
+    grown = {(x + a, y + b) for x, y in cells for a in (-1, 0, 1) for b in (-1, 0, 1)}
+    for number, points in enumerate(moved):
+        occupied = {tuple(c) for c in np.floor(points[np.abs(points).max(axis=1) < EXTENT] / GRID).astype(int)}
+        counts = Counter((x - a, y - b) for x, y in grown for a, b in occupied)
+        allowed = {shift: n for shift, n in counts.items() if number or max(map(abs, shift)) > 3}
+        assert most[number] == max(allowed.values())
+        assert allowed[tuple(np.rint(shifts[number] / GRID).astype(int))] == most[number]
+    assert shifts[0] == pytest.approx([-2.1, 3.0], abs=0.31)
 
 
 def test_what_is_not_there_has_no_other_pose() -> None:

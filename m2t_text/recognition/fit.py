@@ -3,7 +3,10 @@
 from dataclasses import dataclass
 from math import log
 
-from m2t_text.recognition.raster import Raster, overlaid
+import numpy as np
+
+from m2t_text.recognition.overlay import overlaid
+from m2t_text.recognition.raster import Raster
 from m2t_text.util.geometry import inverse
 from m2t_text.util.types import Floats
 
@@ -39,19 +42,28 @@ class Fit:
 
     @classmethod
     def of(cls, query: Raster, pose: Floats, found: Raster) -> "Fit":
-        """Of a query in whose frame's place the ``pose`` (3,) is, as seen from the found map's frame."""
-        here, there = overlaid(query, pose, found), overlaid(found, inverse(pose), query)
+        """Of a query whose frame has the ``pose`` (3,) in the found map's frame."""
+        return cls.of_each(query, np.reshape(pose, (1, 3)), found)[0]
+
+    @classmethod
+    def of_each(cls, query: Raster, poses: Floats, found: Raster) -> "list[Fit]":
+        """Of a query whose frame has each of the ``poses`` (S, 3) in the found map's frame."""
+        here, there = overlaid(query, poses, found), overlaid(found, inverse(poses), query)
         inliers = here.inliers + there.inliers
-        return cls(
-            keypoints=len(query.points) + len(found.points),
-            seen=here.seen + there.seen,
-            inliers=inliers,
-            conflicts=here.conflicts + there.conflicts,
-            free_known=query.complete and found.complete,
-            grip=here.grip,
-            distance=(here.apart + there.apart) / max(inliers, 1),
-            patch=max(here.patch, there.patch),
+        figures = (
+            here.seen + there.seen,
+            inliers,
+            here.conflicts + there.conflicts,
+            here.grip,
+            (here.apart + there.apart) / np.maximum(inliers, 1),
+            np.maximum(here.patch, there.patch),
         )
+        keypoints = len(query.points) + len(found.points)
+        free_known = query.complete and found.complete
+        return [
+            cls(keypoints, seen, inliers, conflicts, free_known, *others)
+            for seen, inliers, conflicts, *others in zip(*(some.tolist() for some in figures), strict=True)
+        ]
 
     @property
     def inlier_ratio(self) -> float:

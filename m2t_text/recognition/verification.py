@@ -13,15 +13,14 @@ import numpy as np
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.search.weighting import OffsetAgreement, agreed
+from m2t_text.index.search.weighting import OffsetAgreement, agreed_by_turn
 from m2t_text.recognition.fit import Fit
 from m2t_text.recognition.raster import Raster, refined
 from m2t_text.util.geometry import compose, inverse
 from m2t_text.util.types import Floats
-from m2t_text.util.workers import threaded
+from m2t_text.util.workers import together
 
 WINDOW = 20  # cells by which the viewpoints may lie apart; from opposite sides a 180° laser sees other walls
-QUARTER_TURNS = 4  # quarter turns, each of which is a start
 STARTS = 2  # of them are aligned, those that agree best: the place, and often the place turned by 180°
 
 
@@ -72,28 +71,34 @@ def align(query: Text, candidates: Sequence[Text], cell: float) -> list[Alignmen
 
 def align_variously(query: Text, candidates: Sequence[Text], cell: float) -> list[list[Alignment]]:
     """The query aligned with each of the candidates from STARTS directions, that of the best fit first."""
+    if not candidates:
+        return []
     raster = Raster.of(query, cell)
-    if not candidates or not len(query):
-        nothing = np.zeros(3)
-        return [[Alignment(nothing, Fit.of(raster, nothing, Raster.of(c, cell)), 0.0)] for c in candidates]
-    packed = Texts.of(candidates)
-    scores = [agreed(packed, query, OffsetAgreement(WINDOW, (turn,))) for turn in range(QUARTER_TURNS)]
-    agreements = np.array([one.score for one in scores])
-    starts = np.array([one.alignment for one in scores]) * [cell, cell, 1.0]
+    starts, agreements = _starts(query, candidates, cell)
 
-    def aligned(k: int) -> list[Alignment]:
-        found = Raster.of(candidates[k], cell)
-        chosen = np.argsort(-agreements[:, k], kind="stable")[:STARTS]
-        found_there = [aligned_from(raster, found, starts[t, k], float(agreements[t, k])) for t in chosen]
-        return sorted(found_there, key=lambda alignment: -alignment.fit.evidence)
+    def aligned_with(k: int) -> list[Alignment]:
+        some = aligned(raster, Raster.of(candidates[k], cell), starts[k], agreements[k])
+        return sorted(some, key=lambda alignment: -alignment.fit.evidence)
 
-    return list(threaded(aligned, range(len(candidates))))
+    return together(aligned_with, range(len(candidates)))
 
 
-def aligned_from(query: Raster, found: Raster, start: Floats, agreement: float) -> Alignment:
-    """A query aligned with a map from a ``start`` pose (3,) in its frame, where they had the ``agreement``."""
-    pose = refined(query, found, start)
-    return Alignment(pose, Fit.of(query, pose, found), agreement)
+def _starts(query: Text, candidates: Sequence[Text], cell: float) -> tuple[Floats, Floats]:
+    """(K, STARTS, 3) the poses for which the words vote most, and (K, STARTS) the agreement there."""
+    scores = agreed_by_turn(Texts.of(candidates), query, OffsetAgreement(WINDOW))
+    agreements = np.stack([one.score for one in scores], axis=1)
+    poses = np.stack([one.alignment for one in scores], axis=1) * [cell, cell, 1.0]
+    chosen = np.argsort(-agreements, axis=1, kind="stable")[:, :STARTS]
+    rows = np.arange(len(candidates))[:, None]
+    return poses[rows, chosen], agreements[rows, chosen]
+
+
+def aligned(query: Raster, found: Raster, starts: Floats, agreements: Floats) -> list[Alignment]:
+    """A query aligned with a map from each of ``starts`` (S, 3) in its frame, where they had the agreements
+    (S,)."""
+    poses = refined(query, found, starts)
+    fits = Fit.of_each(query, poses, found)
+    return [Alignment(*one) for one in zip(poses, fits, agreements.tolist(), strict=True)]
 
 
 def relative_pose(query: Document, found: Document, pose: Floats) -> Floats:

@@ -6,7 +6,8 @@ import pytest
 from m2t_text.description.free_squares import FreeSquares
 from m2t_text.description.text import Text
 from m2t_text.recognition.fit import Fit
-from m2t_text.recognition.raster import INLIER, Raster, overlaid, refined
+from m2t_text.recognition.overlay import overlaid
+from m2t_text.recognition.raster import INLIER, Raster, refined
 from m2t_text.util.geometry import inverse, transform
 
 CELL = 0.1
@@ -46,7 +47,7 @@ def counted(query: Text, pose: np.ndarray, found: Text) -> tuple[int, int, int]:
 def test_the_count_is_that_of_a_plain_one(pose: tuple[float, float, float]) -> None:
     query, found = room((-10, -10, 12)), room((-27, -17, 34), (0, 0, 12), (20, -10, 4))
     where = np.array(pose)
-    counts = overlaid(Raster.of(query, CELL), where, Raster.of(found, CELL))
+    counts = overlaid(Raster.of(query, CELL), where[None], Raster.of(found, CELL))
     assert (counts.inliers, counts.conflicts, counts.seen) == counted(query, where, found)
 
 
@@ -105,7 +106,7 @@ def test_icp_finds_the_pose(off: tuple[float, float, float]) -> None:
     found = room()
     true = np.array([0.4, -0.3, 0.3])
     query = found.moved(inverse(true), CELL)
-    pose = refined(Raster.of(query, CELL), Raster.of(found, CELL), true + off)
+    pose = refined(Raster.of(query, CELL), Raster.of(found, CELL), true[None] + off)[0]
     assert pose[:2] == pytest.approx(true[:2], abs=0.02) and pose[2] == pytest.approx(true[2], abs=0.01)
 
 
@@ -113,7 +114,7 @@ def test_a_corridor_does_not_slide() -> None:
     x = np.arange(-60, 60)
     corridor = Text.of(np.tile(x, 2), np.repeat([-10, 10], 120), np.zeros(240))
     raster = Raster.of(corridor, CELL)
-    pose = refined(raster, raster, np.array([0.6, 0.1, 0.0]))
+    pose = refined(raster, raster, np.array([[0.6, 0.1, 0.0]]))[0]
     assert pose[0] == pytest.approx(0.6, abs=0.05) and abs(pose[1]) < 0.01
 
 
@@ -121,4 +122,4 @@ def test_what_lies_far_away_costs_no_memory() -> None:
     far = Text.of([-32768, 0, 32767], [0, 0, 32767], [0, 0, 0])
     raster = Raster.of(far, CELL)
     assert max(raster.known.shape) <= 441
-    assert overlaid(raster, np.zeros(3), raster).inliers == 1
+    assert overlaid(raster, np.zeros((1, 3)), raster).inliers == 1

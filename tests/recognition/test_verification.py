@@ -70,6 +70,16 @@ def test_a_candidate_is_aligned_from_several_directions_and_the_best_comes_first
     assert evidence == sorted(evidence, reverse=True)
 
 
+def test_candidates_are_aligned_as_if_each_were_alone():
+    query = seen_from(hall(1), np.array([0.3, 0.1, 0.5]))
+    candidates = [seen_from(hall(k)[: 900 - 60 * k], np.array([0.1 * k, 0.0, 0.3 * k])) for k in range(12)]
+    together = align_variously(query, [*candidates[:6], Text.of([], [], []), *candidates[6:]], CELL)
+    alone = [align_variously(query, [one], CELL)[0] for one in candidates]
+    for some, others in zip(together[:6] + together[7:], alone, strict=True):
+        assert [one.fit for one in some] == [one.fit for one in others]
+        assert np.array_equal([one.pose for one in some], [one.pose for one in others])
+
+
 def test_nothing_to_align():
     empty, some = Text.of([], [], []), seen_from(hall(), np.zeros(3))
     assert align(some, [], CELL) == []

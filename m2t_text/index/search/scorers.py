@@ -14,7 +14,7 @@ from m2t_text.index.kernels.bound_tables import WINDOW, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.kernels.tiles import TileTables
-from m2t_text.index.kernels.views import QUARTER, Views, views
+from m2t_text.index.kernels.views import QUARTER, Views
 from m2t_text.index.search.collection import Collection
 from m2t_text.util.types import Floats
 
@@ -112,10 +112,9 @@ class AgreementQuery:
     Tables are made when first used: verification needs no bounds, most searches no fine ones.
     """
 
-    def __init__(self, text: Text, window: int, turns: tuple[int, ...], directions: int) -> None:
-        self.size = len(text)
+    def __init__(self, seen: Views, window: int) -> None:
+        self.size = len(seen.wa)
         self.window = window
-        seen = views(text, turns, directions)
         near = np.maximum(np.abs(seen.wx), np.abs(seen.wy)).max(axis=0, initial=0) <= REACH
         cells = (np.ascontiguousarray(words[..., near]) for words in (seen.wx, seen.wy, seen.wa))
         self.seen = Views(seen.angles, *cells)

@@ -11,9 +11,11 @@ from m2t_text.config import MatchingParameters
 from m2t_text.description.text import Text
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
+from m2t_text.index.kernels.views import views
 from m2t_text.index.search.collection import Collection, SegmentTexts, collection, segment_name
 from m2t_text.index.search.scorers import AgreementQuery, AgreementScorer, BagScorer, IntersectionScorer
 from m2t_text.index.search.top_k import Scorer, TopK
+from m2t_text.util.workers import together
 
 Method = Literal["m2t", "bow"]
 
@@ -89,7 +91,7 @@ class OffsetAgreement(MapWeighting):
         """The text in tables; where several indexes are searched as one, it is made once for all of them."""
         latest = _latest.get("query")
         if latest is None or latest[0] is not text or latest[1] != self:
-            made = AgreementQuery(text, self.window, self.turns, self.directions)
+            made = AgreementQuery(views(text, self.turns, self.directions), self.window)
             _latest["query"] = latest = (text, self, made)
         return latest[2]
 
@@ -97,11 +99,17 @@ class OffsetAgreement(MapWeighting):
 _latest: dict[str, tuple[Text, OffsetAgreement, AgreementQuery]] = {}
 
 
-def agreed(texts: Texts, text: Text, model: OffsetAgreement) -> Scores:
-    """How far each of some packed texts agrees with a query on one offset."""
-    live = np.ones(texts.documents, dtype=np.bool_)
+def agreed_by_turn(texts: Texts, text: Text, model: OffsetAgreement) -> list[Scores]:
+    """How far each of some packed texts agrees with a query, under each of the model's turns alone."""
+    live, every = np.ones(texts.documents, dtype=np.bool_), np.arange(texts.documents)
     whole = Collection({"": SegmentTexts(texts, live)}, texts.documents)
-    return TopK(model.text_scorer(text, whole), {"": np.arange(texts.documents)}).all()
+    seen = views(text, model.turns, model.directions)
+
+    def of_turn(number: int) -> Scores:
+        query = AgreementQuery(seen[number :: len(model.turns)], model.window)
+        return AgreementScorer(query, whole).score("", every)
+
+    return together(of_turn, range(len(model.turns)))
 
 
 class NoScore(BaseScorer):

@@ -9,14 +9,22 @@ from map_oracle import random_text, text_of
 from m2t_text.description.text import Text
 from m2t_text.index.kernels import agreement
 from m2t_text.index.kernels.packed import Texts
+from m2t_text.index.kernels.scores import Scores
 from m2t_text.index.kernels.views import views
-from m2t_text.index.search.weighting import OffsetAgreement, agreed
+from m2t_text.index.search.collection import Collection, SegmentTexts
+from m2t_text.index.search.weighting import OffsetAgreement, agreed_by_turn
 
 ONE_VIEW = OffsetAgreement(10, (0,), 1)
 
 
 def texts_of(*texts: Text) -> Texts:
     return Texts.of(texts)
+
+
+def agreed(texts: Texts, query: Text, model: OffsetAgreement) -> Scores:
+    live = np.ones(texts.documents, dtype=bool)
+    whole = Collection({"": SegmentTexts(texts, live)}, texts.documents)
+    return model.text_scorer(query, whole).score("", np.arange(texts.documents))
 
 
 def slow(query: Text, found: Text, window: int) -> tuple[int, int, tuple[int, int]]:
@@ -87,6 +95,15 @@ def test_a_turned_and_moved_map_is_the_same_map(turn):
     scores = agreed(texts_of(found), query, OffsetAgreement())
     assert scores.score.tolist() == [1.0]
     assert scores.alignment[0] == pytest.approx([4.0, -7.0, turn * np.pi / 2])
+
+
+def test_each_turn_alone_is_scored_as_if_it_were_the_only_one():
+    rng = np.random.default_rng(3)
+    stored, query = texts_of(*(random_text(rng, 60, span=30, words=6) for _ in range(9))), random_text(rng, 70)
+    by_turn = agreed_by_turn(stored, query, OffsetAgreement(20))
+    for turn, some in enumerate(by_turn):
+        alone = agreed(stored, query, OffsetAgreement(20, (turn,)))
+        assert np.array_equal(some.score, alone.score) and np.array_equal(some.alignment, alone.alignment)
 
 
 def test_any_choice_of_documents_gives_what_all_give():

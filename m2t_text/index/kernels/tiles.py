@@ -11,15 +11,13 @@ lanes are left then. Of these the second is counted, each by itself, in bits mad
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bound_tables import FIRST, WINDOW
 from m2t_text.index.kernels.packed import Texts
+from m2t_text.index.kernels.tile_tables import BEFORE, DIGITS, GROUPS, MIDDLE, SIDE, TILE
 from m2t_text.index.kernels.unpacking import cells_of
-from m2t_text.index.kernels.views import Views
 from m2t_text.index.kernels.wide import (
-    LANES,
     WORDS,
     added,
     byte_of,
@@ -34,14 +32,7 @@ from m2t_text.index.kernels.wide import (
 from m2t_text.util.compiling import inner, kernel
 
 U = np.uint64
-TILE = 6  # cells, and offsets in a group
-SIDE, MIDDLE = 32, 16  # tiles of the grid about the viewpoint
-GROUPS = 4  # of offsets in x, and in y
-BEFORE = 2  # tiles from where a keypoint of the query lies to where the first group begins to take it
-VIEWS = LANES // (GROUPS * GROUPS)
-PADDED = SIDE + GROUPS + 1  # tiles that any group moves into the grid, and one on each side
 FULL = 64  # keypoints that an entry counts at most
-DIGITS = 4  # binary, of the number of the query's keypoints in a tile; those beyond count as matched
 STOP = 16  # entries between two looks at whether a map can still reach what is needed
 ORIGIN = 6000 * TILE  # cells, added to make those of any map positive
 BEYOND = ORIGIN // TILE - MIDDLE  # tiles from where they begin to the grid
@@ -85,81 +76,6 @@ class Tiles(NamedTuple):
         starts = [part.starts[:-1] + begin for part, begin in zip(parts, begins[:-1], strict=True)]
         rest = (np.concatenate([getattr(part, name) for part in parts]) for name in cls._fields[1:])
         return cls(np.concatenate([*starts, begins[-1:]]), *rest)
-
-
-class TileTables(NamedTuple):
-    """A query on tiles; its views lie in the lanes of G groups.
-
-    Attributes:
-        size: number of the query's keypoints.
-        missed: (G, SIDE²) uint64, a bit for each lane: whether a map's keypoints in a tile lie near none of the
-            query's.
-        counts: (G, LANES · DIGITS, WORDS) uint64 keypoints of the query that lie near one of the map's if the
-            bit of a tile is set: one bit of each number after the other, the highest first.
-        beyond: (G, LANES) int64 those for which no bit is kept.
-        low: (G, LANES) int64 those, and all that the last two bits count.
-    """
-
-    size: int
-    missed: NDArray[np.uint64]
-    counts: NDArray[np.uint64]
-    beyond: NDArray[np.int64]
-    low: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, seen: Views) -> "TileTables":
-        """Of a query with keypoints."""
-        near, counts = _near(seen), _counts(seen)
-        used = np.arange(LANES * len(near)).reshape(-1, LANES) < len(seen.wx) * GROUPS * GROUPS
-        beyond = np.where(used, len(seen.wa) - counts.sum(axis=2, dtype=np.int64), 0)
-        low = beyond + (counts & np.uint8(3)).sum(axis=2, dtype=np.int64)
-        bits = counts[:, :, None] >> np.arange(DIGITS, dtype=np.uint8)[::-1, None] & np.uint8(1)
-        planes = _packed(bits).reshape(len(near), LANES * DIGITS, WORDS)
-        return cls(len(seen.wa), _packed(~near.transpose(0, 2, 1))[:, :, 0], planes, beyond, low)
-
-
-def _near(seen: Views) -> NDArray[np.bool_]:
-    """(G, LANES, SIDE²) whether one of the query's keypoints comes near a cell of a tile.
-
-    A keypoint q may lie near one in the tiles a with 6 a - 7 <= q <= 6 a + 5, before the group moves them: two
-    or three in x, and in y.
-    """
-    row, column = (
-        np.minimum(-((5 - q) // TILE)[..., None] + np.arange(3), (q[..., None] + 7) // TILE)
-        for q in (seen.wx, seen.wy)
-    )
-    near = np.zeros((-(-len(row) // VIEWS) * VIEWS, PADDED, PADDED), np.bool_)
-    near[np.arange(len(row))[:, None, None, None], _place(row)[..., None], _place(column)[..., None, :]] = True
-    return _by_group(near)
-
-
-def _counts(seen: Views) -> NDArray[np.uint8]:
-    """(G, LANES, SIDE²) keypoints of the query in a tile, as many as the digits count."""
-    views = -(-len(seen.wx) // VIEWS) * VIEWS
-    number = np.arange(len(seen.wx))[:, None]
-    places = (number * PADDED + _place(seen.wx // TILE)) * PADDED + _place(seen.wy // TILE)
-    counts = np.bincount(places.ravel(), minlength=views * PADDED * PADDED)
-    counts = np.minimum(counts, (1 << DIGITS) - 1).astype(np.uint8)
-    return _by_group(counts.reshape(views, PADDED, PADDED))
-
-
-def _place(tile: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of a tile in a table from which every group takes some into the grid; the first and the last place are
-    of what lies outside."""
-    return np.clip(tile + MIDDLE + GROUPS - BEFORE, 0, PADDED - 1)
-
-
-def _by_group(table: NDArray[Any]) -> NDArray[Any]:
-    """(G, LANES, SIDE²) of a table (V, PADDED, PADDED): where each group of offsets moves it to."""
-    inside = table[:, 1:-1, 1:-1]
-    moved = sliding_window_view(inside, (SIDE, SIDE), axis=(1, 2))[:, ::-1, ::-1]
-    return moved.reshape(-1, LANES, SIDE * SIDE)
-
-
-def _packed(bits: NDArray[Any]) -> NDArray[np.uint64]:
-    """Bits along the last axis in words, the first one lowest."""
-    packed = np.packbits(np.ascontiguousarray(bits), axis=-1, bitorder="little")
-    return packed.view("<u8").astype(np.uint64, copy=False)
 
 
 class Room(NamedTuple):

@@ -13,7 +13,7 @@ from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.bound_tables import WINDOW, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.scores import Scores
-from m2t_text.index.kernels.tiles import TileTables
+from m2t_text.index.kernels.tile_tables import TileTables
 from m2t_text.index.kernels.views import QUARTER, Views
 from m2t_text.index.search.collection import Collection
 from m2t_text.util.types import Floats

@@ -9,7 +9,8 @@ from map_oracle import random_text
 from m2t_text.description.text import Text
 from m2t_text.index.kernels import agreement
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.tiles import FULL, MIDDLE, SIDE, TILE, Tiles, TileTables, may_reach
+from m2t_text.index.kernels.tile_tables import MIDDLE, SIDE, TILE, TileTables
+from m2t_text.index.kernels.tiles import FULL, Tiles, may_reach
 from m2t_text.index.kernels.views import views
 
 

@@ -17,7 +17,7 @@ from m2t_text.util.workers import own_cores, together
 Part = TypeVar("Part")
 Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 
-SHARES = 8  # parts for each thread, so that all of them end together; but
+SHARES = 8  # parts for each of several threads, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
 SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is needed,
@@ -26,13 +26,10 @@ FEW = 1024  # sample only if more than its size would pass the sieve, as so many
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 TRIED = 3  # times as many documents as looked for are scored in a step, and
 TRIED_OF_PARTS = 4  # times in all parts of a whole together, as the best lie unevenly in them
-MANY = (
-    1024  # times as many values as the largest that are looked for, where these are looked for block by block
-)
 # Documents in a part, at least: to begin one takes as long as some of them take,
 GLANCE = 1024  # by the sieve or to guess their scores,
-LOOK = 64  # for a bound,
-MEASURE = 4  # for a fine bound or a score.
+LOOK = 256  # for a bound,
+MEASURE = 8  # for a fine bound or a score.
 
 
 @dataclass(frozen=True)
@@ -265,7 +262,8 @@ class TopK:
         self, work: Callable[..., Part], least: int, places: NDArray[np.int64], *arguments: float
     ) -> Sequence[Part]:
         """What the work gives for ascending places, part by part of one segment each, at ``least`` so many."""
-        share = max(least, len(places) // (SHARES * own_cores()), 1)
+        parts_at_most = SHARES * own_cores() if own_cores() > 1 else 1
+        share = max(least, len(places) // parts_at_most, 1)
         parts: list[tuple[str, Documents]] = []
         for number, name in enumerate(self._names):
             begin, end = np.searchsorted(places, self._begins[number : number + 2])

@@ -18,7 +18,9 @@ from m2t_text.index.search.collection import Collection, SegmentTexts
 from m2t_text.index.search.scorers import BagScorer
 from m2t_text.index.search.weighting import MapWeighting
 from m2t_text.logs.log import Log, Scan
+from m2t_text.mapping.scan_cloud import scan_cloud
 from m2t_text.mapping.trajectory import survey
+from m2t_text.mapping.wide_search import register_widely
 from m2t_text.pipeline import describe_survey
 from m2t_text.recognition.raster import Raster
 from m2t_text.recognition.symmetry import other_poses
@@ -103,6 +105,21 @@ def _align() -> None:
     other_poses(raster, raster, best.pose)
 
 
+def _match_widely() -> None:
+    cloud = scan_cloud(_log().scans[0], np.zeros(3))
+    register_widely(cloud.points, cloud.normals, cloud.points, 0.2, 0.1, np.array([0.1, 0.05]))
+
+
+def _draw_and_sample() -> None:
+    from m2t_text.saved_maps.occupancy_mapping import build_map  # SciPy takes as long to load as some kernels
+    from m2t_text.saved_maps.sampling import Sampler  # to compile, and no other step needs it
+
+    scans, mapping = _log().scans, PROFILES["default"].mapping
+    grid = build_map(_log(), np.array([scan.odometry for scan in scans]), np.arange(len(scans)))
+    sampler = Sampler.of(grid, mapping)
+    list(sampler.local_maps(sampler.views(), np.arange(1)))
+
+
 STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
     Group.DESCRIBING: (_match_scans, partial(_describe, "paper"), partial(_describe, "default")),
     Group.BOUNDS: (
@@ -118,4 +135,5 @@ STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
     ),
     Group.SIEVING: (partial(_score, "agreement", "may_reach", 0.5),),
     Group.VERIFICATION: (_align,),
+    Group.MAPPING: (_match_widely, _draw_and_sample),
 }

@@ -56,11 +56,13 @@ def _is_described(query: str) -> bool:
     return not query.endswith(".txt") and ("@" in query or "#" in query or is_file(Path(query)))
 
 
-def compile_all_for(parameters: "Parameters") -> None:
-    """Compiles what it takes to describe maps, to search among them and to verify what is found."""
+def compile_all_for(parameters: "Parameters", mapping: bool = False) -> None:
+    """Compiles what it takes to describe maps, to search among them and to verify what is found; also what it
+    takes to map whole drives if that is asked for."""
     from m2t_text.util.compiled import Group
 
-    compile_first([Group.DESCRIBING, *Group.of_search(parameters.matching.score)])
+    more = [Group.MAPPING] if mapping else []
+    compile_first([Group.DESCRIBING, *Group.of_search(parameters.matching.score), *more])
 
 
 def compile_beside(groups: "Iterable[Group]") -> None:

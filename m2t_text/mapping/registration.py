@@ -318,28 +318,6 @@ def fill_likelihood(reference: Floats, grid: NDArray[np.float32]) -> None:
     _fill(np.ascontiguousarray(reference), grid)
 
 
-def within(points: Floats, reference: Floats, reach: float) -> NDArray[np.bool_]:
-    """(N,) which of the points (N, 2) have one of the reference (M, 2) nearer than ``reach`` metres."""
-    link, near = np.empty(len(reference), dtype=np.int32), np.empty(len(points), dtype=np.bool_)
-    _within(np.ascontiguousarray(points), np.ascontiguousarray(reference), reach, _grids.head, link, near)
-    return near
-
-
-@kernel
-def _within(
-    points: Floats,
-    reference: Floats,
-    reach: float,
-    head: NDArray[np.int32],
-    link: NDArray[np.int32],
-    near: NDArray[np.bool_],
-) -> None:
-    _bucket(reference, head, link)
-    for k in range(len(points)):
-        near[k] = _nearest(points[k, 0], points[k, 1], reach, reference, head, link) >= 0
-    _empty(reference, head)
-
-
 def fit(
     reference: Floats, reference_normals: Floats, scan: Floats, pose: Floats, reach: float = 0.15
 ) -> tuple[Floats, float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, States
-from m2t_text.util.compiling import kernel
+from m2t_text.util.compiling import inner, kernel
 from m2t_text.util.types import Floats
 
 
@@ -23,7 +23,7 @@ class Axis(NamedTuple):
     between: float
 
 
-@kernel
+@inner
 def _begin(place: float, direction: float) -> Axis:
     cell = int(math.floor(place))
     if direction > 0:
@@ -33,7 +33,7 @@ def _begin(place: float, direction: float) -> Axis:
     return Axis(cell, 0, math.inf, math.inf)
 
 
-@kernel
+@inner
 def _next(x: Axis, y: Axis) -> tuple[Axis, Axis]:
     """The same in the next cell of the ray."""
     if x.border <= y.border:
@@ -41,7 +41,7 @@ def _next(x: Axis, y: Axis) -> tuple[Axis, Axis]:
     return x, Axis(y.cell + y.step, y.step, y.border + y.between, y.between)
 
 
-@kernel
+@inner
 def cast(states: States, x: float, y: float, angle: float, reach: float, veil: float) -> float:
     """How far a ray goes until the middle of its way through an occupied cell; ``inf`` if it meets none.
 
@@ -167,7 +167,7 @@ def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
     return places[:n]
 
 
-@kernel
+@inner
 def add_along(
     sums: NDArray[np.float32], stamps: NDArray[np.int32], stamp: int, begin: Floats, end: Floats, value: float
 ) -> None:

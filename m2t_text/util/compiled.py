@@ -26,6 +26,7 @@ class Group(StrEnum):
     INTERSECTION = "intersection"
     VERIFICATION = "verification"
     SIEVING = "sieving"  # from the second search of a process on, among many maps
+    MAPPING = "mapping"  # of whole drives, from and to saved maps, and of scans between which odometry leaps
 
     @classmethod
     def of_search(cls, score: str) -> "list[Group]":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from m2t_text.mapping.normals import cloud_normals, normals
-from m2t_text.mapping.registration import register, within
+from m2t_text.mapping.registration import register
 from m2t_text.util.geometry import inverse, transform
 
 
@@ -52,8 +52,3 @@ def test_normals_are_across_walls_and_missing_where_there_is_none():
     ):
         assert np.allclose(np.abs(found[2:18]), [0.0, 1.0])
         assert not found[-1].any()
-
-
-def test_within_is_a_distance():
-    near = within(np.array([[0.0, 0.0], [0.0, 0.2], [30.0, 0.0]]), np.array([[0.0, 0.1], [0.5, 0.0]]), 0.15)
-    assert near.tolist() == [True, True, False]

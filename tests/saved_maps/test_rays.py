@@ -8,10 +8,12 @@ import pytest
 from drawings import drawn
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from numba import njit
 from numpy.typing import NDArray
 
+from m2t_text.saved_maps import rays
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, States
-from m2t_text.saved_maps.rays import Beams, add_along, cast, nearest_open, passed_free, seen
+from m2t_text.saved_maps.rays import Beams, nearest_open, passed_free, seen
 
 CORRIDOR = drawn(
     "########",
@@ -19,6 +21,16 @@ CORRIDOR = drawn(
     "########",
 )
 STEP = 1e-3  # cells; of the slow ray
+
+
+@njit
+def cast(states, x, y, angle, reach, veil):
+    return rays.cast(states, x, y, angle, reach, veil)
+
+
+@njit
+def add_along(sums, stamps, stamp, begin, end, value):
+    rays.add_along(sums, stamps, stamp, begin, end, value)
 
 
 def slow_cells(x: float, y: float, angle: float, reach: float) -> list[tuple[int, int, float]]:

@@ -21,7 +21,7 @@ from m2t_text.pipeline import describe_log
 from m2t_text.saved_maps.grid import Grid
 from m2t_text.saved_maps.writing import write_map
 from m2t_text.web.routes import receiving
-from m2t_text.web.uploads.drives import SPACING, from_message, places_of, to_json
+from m2t_text.web.uploads.drives import SPACING, described_places, from_message, to_json
 
 pytestmark = pytest.mark.page
 FOUND = Path(__file__).parents[1] / "fuzz" / "found"
@@ -67,7 +67,7 @@ def unchanged(index: Path) -> Iterator[None]:
 def test_places_of_a_drive_are_maps_of_the_whole(circuit: Path) -> None:
     log, parameters = read_log(circuit), PROFILES["default"]
     whole = {one.first_scan: to_json(one) for one in describe_log(log, parameters)}
-    places = list(places_of(log, parameters))
+    places = list(described_places(log, parameters))
     assert all(to_json(one) == whole[one.first_scan] for one in places)
     begins = [one.travel[0] for one in places]
     assert len(places) > 20 and np.diff(begins).min() >= SPACING

@@ -66,7 +66,7 @@ def evaluate_map(
     request = MapEvaluationRequest(
         sources, run, queries, covered, seed=seed, jobs=cores(jobs), folder=maps, options=reading
     )
-    compile_all_for(PROFILES["default"])
+    compile_all_for(PROFILES["default"], mapping=True)
     with bars() as progress:
         evaluated = evaluate(request, progress)
     if maps is not None:

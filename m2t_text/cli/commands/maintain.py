@@ -173,7 +173,7 @@ def warm_up(
         list[str] | None,
         typer.Argument(
             metavar="PURPOSE",
-            help="describing, agreement, intersection, verification or sieving.",
+            help="describing, bounds, agreement, intersection, verification, sieving or mapping.",
             show_default="all",
         ),
     ] = None,

@@ -59,7 +59,7 @@ def map_command(
     if out.exists() and not out.is_dir():
         raise M2TError(f"--out {str(out)!r} is a file: name a folder")
     called = names[0] if len(names) == 1 else checked_name(out.resolve().name)
-    compile_all_for(PROFILES["default"])
+    compile_all_for(PROFILES["default"], mapping=True)
     with bars() as progress:
         logs = [
             open_log(source, reading, partial(progress, dataset, "reading"))

@@ -19,7 +19,7 @@ SPACING = 1.0  # m of travel from one place of a drive to the next
 NUMBERS = ("travel", "pose", "viewpoint", "centre_of_gravity")
 
 
-def places_of(log: Log, parameters: Parameters, progress: Progress | None = None) -> Iterator[Document]:
+def described_places(log: Log, parameters: Parameters, progress: Progress | None = None) -> Iterator[Document]:
     """The places of a drive, SPACING apart, each as soon as the scans of its map are matched.
 
     They are among those of `describe_survey`. Raises LogError if the drive is too short for one.

@@ -28,7 +28,7 @@ from m2t_text.sources.opening import LogSource, SourceOptions, open_source
 from m2t_text.sources.saved_map import SavedMap
 from m2t_text.util.names import SAVED_MAPS
 from m2t_text.util.types import StageProgress
-from m2t_text.web.uploads.drives import image_to_json, places_of, to_json
+from m2t_text.web.uploads.drives import described_places, image_to_json, to_json
 from m2t_text.web.walls import drawn_image
 
 MEMORY = 3 << 30  # bytes of address space beside what a process has when it begins
@@ -93,7 +93,7 @@ def _warm() -> None:
     """Loads all compiled code that a drive needs, while there is nothing else to do."""
     with suppress(M2TError):
         drive = simulate(Simulation(length=24.0, travel=6.5, beams=24))
-        for _ in places_of(drive, PROFILES["default"]):
+        for _ in described_places(drive, PROFILES["default"]):
             pass
 
 
@@ -169,7 +169,7 @@ def _describe(job: Job, send: Send) -> None:
     source = open_source(job.path, SourceOptions(job.name), partial(progress, "reading"))
     send({"warnings": list(source.warnings)})
     if isinstance(source, LogSource):
-        documents: Iterable[Document] = places_of(source.log, job.parameters, partial(progress, "scans"))
+        documents: Iterable[Document] = described_places(source.log, job.parameters, partial(progress, "scans"))
     else:
         if isinstance(source, SavedMap):
             send({"image": image_to_json(drawn_image(source.grid))})

@@ -18,6 +18,8 @@ from m2t_text.live.session import Session
 from m2t_text.mapping.local_map import LocalMap
 from m2t_text.pipeline import describe
 from m2t_text.sources.saved_map import SavedMap
+from m2t_text.util.compiled import Group
+from m2t_text.warming import warm
 from m2t_text_ros.conversion import Floats
 
 
@@ -141,7 +143,8 @@ class Engine:
         return Located(place, *_drawn(index, seen, robot, place))
 
     def warm_up(self) -> None:
-        """Compiles all that a request needs, on a short simulated drive."""
+        """Compiles all that a request needs, on a short simulated drive, and what leaps of odometry need."""
+        warm([Group.MAPPING])
         log = simulate(Simulation(length=24.0, travel=8.0, beams=60))
         session = Session(PROFILES["default"], poses=False, laser_pose=log.laser_pose)
         for scan in log.scans:

@@ -2,8 +2,9 @@
 
 Compiling takes seconds, once on each machine, so little is asked of the compiler: a kernel neither allocates
 nor sorts nor assigns to slices, as each of these brings code of Numba's own along. It loops over arrays that
-NumPy made. Numbers that a kernel passes to an inner function are ``np.int64(0)``, not ``0``: the function is
-compiled once for each type of its arguments, and a literal is a type of its own.
+NumPy made and Python holds, so nobody has to count who uses them: counting took a tenth of a search's bounds.
+Numbers that a kernel passes to an inner function are ``np.int64(0)``, not ``0``: the function is compiled once
+for each type of its arguments, and a literal is a type of its own.
 """
 
 import atexit
@@ -26,6 +27,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
 LOADED_ALONE = ((0, 68),)  # versions of Numba in which compiled code needs nothing of the compiler
+UNCOUNTED = {"_nrt": False}  # compiled without Numba's counting of references to arrays
 COMPILED = ("description", "index/kernels", "mapping", "recognition", "saved_maps")  # have compiled functions
 
 
@@ -43,7 +45,7 @@ class KernelCache(FunctionCache):
 
 def kernel(function: Function) -> Function:
     """Compiles a function that Python calls, when it is first called; the machine code is kept on the disk."""
-    compiled: Any = numba.njit(nogil=True)(function)
+    compiled: Any = numba.njit(nogil=True, **UNCOUNTED)(function)
     chosen = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(kernel_folder())  # looked up as the cache is made, not later
     try:
@@ -55,13 +57,14 @@ def kernel(function: Function) -> Function:
 
 def inner(function: Function) -> Function:
     """Compiles a function that only compiled code calls, into its callers."""
-    compiled: Function = numba.njit(nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiled: Function = numba.njit(nogil=True, **alone, **UNCOUNTED)(function)
     return compiled
 
 
 def inlined(function: Function) -> Function:
     """The same for a function of a few lines: it becomes part of its callers before they are compiled."""
-    compiled: Function = numba.njit(inline="always")(function)
+    compiled: Function = numba.njit(inline="always", **UNCOUNTED)(function)
     return compiled
 
 

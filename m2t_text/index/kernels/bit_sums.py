@@ -1,6 +1,6 @@
 """Sums of many bits at once, compiled: masks are added in binary digits, one plane a digit.
 
-A mask has 64 bits in each of its lanes. Four masks are first added to each other by carry-save adders, which
+A mask has 64 bits in each of its lanes. Eight masks are first added to each other by carry-save adders, which
 keeps most of the work in registers.
 """
 
@@ -22,7 +22,7 @@ INNER = 9  # digits that are held in registers while masks are added; sums have 
 def _add(a: Any, b: Any, c: Any) -> Any:
     """The sum of three bits, and what they carry."""
     either = a ^ b
-    return either ^ c, (a & b) | (either & c)
+    return either ^ c, a ^ (either & (a ^ c))
 
 
 @inlined
@@ -58,7 +58,7 @@ def add_masks(source: Any, places: Any, begin: Any, end: Any, sums: Any, digit: 
         source, places: the k-th mask is the rows of bytes in ``source`` (N, 4) from places[k] on, for all lanes
             together; see `by_lane`. Or the bytes in source[0] (N,) from those of places (K, 4) on, for each
             lane, moved by source[1] bytes.
-        begin, end: numbers of the first mask and of the one behind the last, a multiple of four apart.
+        begin, end: numbers of the first mask and of the one behind the last, a multiple of eight apart.
         sums: (D, 4) uint64, the binary digits of the sums.
         digit: 0 to add each mask once, 1 twice, 2 four times, ...
     """
@@ -70,8 +70,11 @@ def add_masks(source: Any, places: Any, begin: Any, end: Any, sums: Any, digit: 
     while k < behind:
         m0, m1 = mask_of(source, places, k), mask_of(source, places, k + U(1))
         m2, m3 = mask_of(source, places, k + U(2)), mask_of(source, places, k + U(3))
-        p0, p1, four = _add_four(p0, p1, m0, m1, m2, m3)
-        p2, carried = p2 ^ four, p2 & four
+        p0, p1, four_a = _add_four(p0, p1, m0, m1, m2, m3)
+        m4, m5 = mask_of(source, places, k + U(4)), mask_of(source, places, k + U(5))
+        m6, m7 = mask_of(source, places, k + U(6)), mask_of(source, places, k + U(7))
+        p0, p1, four_b = _add_four(p0, p1, m4, m5, m6, m7)
+        p2, carried = _add(p2, four_a, four_b)
         p3, carried = p3 ^ carried, p3 & carried
         p4, carried = p4 ^ carried, p4 & carried
         p5, carried = p5 ^ carried, p5 & carried
@@ -84,7 +87,7 @@ def add_masks(source: Any, places: Any, begin: Any, end: Any, sums: Any, digit: 
             put(sums, place, plane ^ carried)
             carried = plane & carried
             place += U(1)
-        k += U(4)
+        k += U(8)
     put(sums, d, p0)
     put(sums, d + U(1), p1)
     put(sums, d + U(2), p2)

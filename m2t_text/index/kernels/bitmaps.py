@@ -1,7 +1,8 @@
 """A map as windows on a grid, compiled: what lies near eight by eight cells, in eight bytes from any place on.
 
-Rows of the grid run along x, a byte a cell, and eight cells are worked on at once. Bit j of the byte at (x, y)
-says whether cell (x, y + j) is taken; so the eight bytes from there on cover eight cells in x and eight in y.
+Rows of the grid run along x, a byte a cell, and a strip of 32 cells is worked on at once. Bit j of the byte at
+(x, y) says whether cell (x, y + j) is taken; so the eight bytes from there on cover eight cells in x and eight
+in y. Only strips and rows near a map's keypoints are worked on; the others stay zero.
 """
 
 from typing import Any, NamedTuple
@@ -9,25 +10,38 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from m2t_text.index.kernels.simd import every, put_strip, strip_at
 from m2t_text.util.compiling import inner
 
 U = np.uint64
+STRIP = 32  # cells
 BLANK = 16  # rows before and behind the place of nothing
+REACHED = 9  # rows below a keypoint's in which windows show it: two by what lies near, seven as they are high
+ANY, FIRST_Y, FIRST_X = np.uint32(1), np.uint32(2), np.uint32(4)  # bits of a cell: a keypoint, one in its first
+# row, in its first column, and FIRST_X * FIRST_Y: one in both
+KIND = np.uint32(4)  # bits in all
+FRACTION = 17  # bits of the reciprocal by which numbers are divided
+ONES, TWOS = U(0x0101010101010101), U(0x0303030303030303)  # the lowest bit and the lowest two of eight bytes,
+ROWS_ABOVE = U(0xFEFEFEFEFEFEFEFE)  # and all but the lowest
 
 
 class BitGrid(NamedTuple):
     """A square grid about the viewpoint.
 
     Attributes:
-        words: of 64 bits in a row.
+        strips: in a row.
+        step: cells of a map, in x and in y, that lie in one of the grid.
+        ahead: cells by which keypoints are moved on in x and in y.
     """
 
-    words: int
+    strips: int
+    step: int
+    ahead: int
 
     @property
     def side(self) -> int:
         """Cells, and bytes, of a row."""
-        return 8 * self.words
+        return STRIP * self.strips
 
     @property
     def empty(self) -> int:
@@ -38,75 +52,74 @@ class BitGrid(NamedTuple):
         """Of cells in the windows of a map."""
         return (y + self.side // 2) * self.side + x + self.side // 2
 
-    @property
-    def block(self) -> int:
-        """Words that hold the grid, and what is blank."""
-        return self.words * (self.side + 2 * BLANK)
-
     def scratch(self) -> "Scratch":
         """Room for a map."""
-        taken, near, windows = (np.zeros(blocks * self.block, np.uint64) for blocks in (KINDS, 1, 1))
-        return Scratch(taken, taken.view(np.uint8), near, windows, windows.view(np.uint8))
+        taken = np.zeros(self.side**2 + 2 * STRIP, np.uint8)  # strips are read up to two cells on
+        windows = np.zeros(self.side * (self.side + 2 * BLANK), np.uint8)
+        return Scratch(*self, taken, windows, np.zeros(4, np.int64))
 
 
 class Scratch(NamedTuple):
-    """What is worked on for one map, zero at first; bytes are a view of the same memory.
+    """What is worked on for one map.
 
     Attributes:
-        taken, taken_bytes: cells taken, of each kind of keypoint.
-        near: cells near them.
-        windows, window_bytes: the windows of the map.
+        strips, step, ahead: of the grid.
+        taken: what lies in each cell, 0 between two maps.
+        windows: of the map, 0 where it is not drawn.
+        drawn: the first row in which it is, the one behind the last, and the same of strips.
     """
 
-    taken: NDArray[np.uint64]
-    taken_bytes: NDArray[np.uint8]
-    near: NDArray[np.uint64]
-    windows: NDArray[np.uint64]
-    window_bytes: NDArray[np.uint8]
+    strips: int
+    step: int
+    ahead: int
+    taken: NDArray[np.uint8]
+    windows: NDArray[np.uint8]
+    drawn: NDArray[np.int64]
 
 
-KINDS = 4  # of keypoints: in the first column of their coarse cell or not, and in its first row or not
-COARSE, FINE = BitGrid(12), BitGrid(38)
-STEP = 3  # cells of a map, in x and in y, that lie in one of the coarse grid
-ANY, FIRST_X, FIRST_Y = U(1), U(2), U(4)  # bits of a coarse cell: a keypoint, one in its first column, in its
-# first row, and FIRST_X * FIRST_Y: one in both
-OF_X, OF_Y, OF_BOTH = ANY | FIRST_X, ANY | FIRST_Y, (ANY | FIRST_X) * (ANY | FIRST_Y)
-IN_X = U(0x0505050505050505)  # ANY and FIRST_Y of eight cells
-ONES = U(0x0101010101010101)
-COARSE_WORDS, COARSE_SIDE, FINE_WORDS, FINE_SIDE = COARSE.words, COARSE.side, FINE.words, FINE.side
-COARSE_BLOCK, COARSE_MIDDLE = COARSE.block, STEP * COARSE_SIDE // 2
+COARSE, FINE = BitGrid(strips=4, step=3, ahead=0), BitGrid(strips=10, step=1, ahead=1)
+COARSE_SIDE, FINE_SIDE = COARSE.side, FINE.side
 
 
 @inner
-def _clear(words: Any, begin: Any, end: Any) -> None:
-    """Makes the words begin...end zero."""
-    for k in range(begin, end):
-        words[k] = U(0)
+def _clear(scratch: Any, side: Any) -> None:
+    """Clears the windows of the last map; column by column, which spares a call for every short row."""
+    drawn = scratch.drawn
+    for strip in range(U(drawn[2]), U(drawn[3])):
+        for row in range(U(drawn[0]), U(drawn[1])):
+            put_strip(scratch.windows, row * U(side) + U(STRIP) * strip, every(U(0)))
 
 
 @inner
-def _mark_coarse(x: Any, y: Any, size: Any, cells: Any, places: Any) -> Any:
-    """Takes the coarse cells of a map's keypoints, each kind in a block of its own; returns their lowest and
-    highest row.
+def _mark(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
+    """Takes the cells of a map's keypoints, and writes to ``drawn`` where the map is to be drawn.
 
-    Nothing is read where something was just written, and numbers of 32 bits are computed several at a time.
+    All numbers are of 32 bits, so that many are computed at a time.
     """
-    three, inner = np.uint32(STEP), np.uint32(COARSE_SIDE - 2)
-    block, across = np.uint32(8 * COARSE_BLOCK), np.uint32(COARSE_SIDE)
-    low: Any = COARSE_SIDE
-    high: Any = 0
+    side, step, fraction = np.uint32(STRIP * scratch.strips), np.uint32(scratch.step), np.uint32(FRACTION)
+    _clear(scratch, side)
+    middle = np.int32(STRIP * scratch.strips * scratch.step // 2 + scratch.ahead)
+    inverse = np.uint32((1 << FRACTION) // scratch.step + 1)
+    border, across = np.uint32(2 * step), np.uint32((side - np.uint32(2)) * step)
+    nothing, nowhere = np.uint32(0), np.uint32(np.uint32(len(scratch.taken) - 1) << KIND)
+    low, high, left, right = side, nothing, side, nothing
     for k in range(U(size)):
-        i, j = np.uint32(x[k] + COARSE_MIDDLE), np.uint32(y[k] + COARSE_MIDDLE)
-        column, row = np.uint32(i // three), np.uint32(j // three)
-        inside = (np.uint32(column - 2) < inner) & (np.uint32(row - 2) < inner)
-        low = min(low, np.int64(row) if inside else COARSE_SIDE)
-        high = max(high, np.int64(row) if inside else 0)
-        kind = np.uint32(i == column * STEP) + np.uint32(2) * np.uint32(j == row * STEP)
-        place = np.uint32(kind * block + row * across + column)
-        places[k] = place if inside else np.uint32(block - 1)
+        i, j = np.uint32(x[k] + middle), np.uint32(y[k] + middle)
+        inside = (np.uint32(i - border) < across) & (np.uint32(j - border) < across)
+        column = np.uint32(np.uint32(i * inverse) >> fraction)
+        row = np.uint32(np.uint32(j * inverse) >> fraction)
+        low, high = min(low, row if inside else side), max(high, row if inside else nothing)
+        left, right = min(left, column if inside else side), max(right, column if inside else nothing)
+        first_x = FIRST_X if i == np.uint32(column * step) else nothing
+        first_y = np.uint32(FIRST_Y + first_x * FIRST_Y) if j == np.uint32(row * step) else nothing
+        place = np.uint32(np.uint32(row * side) + column)
+        places[k] = np.uint32(place << KIND | ANY | first_x | first_y) if inside else nowhere
     for k in range(U(size)):
-        cells[places[k]] = 1
-    return U(low), U(high)
+        place = places[k]
+        scratch.taken[place >> KIND] |= np.uint8(place & np.uint32(15))
+    drawn = scratch.drawn
+    drawn[0], drawn[1] = max(np.int64(low) - REACHED, 0), np.int64(high) + 1
+    drawn[2], drawn[3] = (np.int64(left) - 2) // STRIP, np.int64(right) // STRIP + 1
 
 
 @inner
@@ -117,82 +130,36 @@ def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None
     keypoint in g may come to lie under the offsets of a step, and a cell more on each side. The ``places``
     (>= size,) uint32 are room to work in.
     """
-    taken, near, windows = scratch.taken, scratch.near, scratch.windows
-    width, block = U(COARSE_WORDS), U(COARSE_BLOCK)
-    low, high = _mark_coarse(x, y, size, scratch.taken_bytes, places)
-    if low > high:
-        _clear(windows, U(0), U(len(windows)))
-        return
-    begin, end = width * (low - U(2)), width * (high + U(1))
-    for k in range(begin, end + U(1)):
-        in_x, in_y, in_both = taken[k + block], taken[k + U(2) * block], taken[k + U(3) * block]
-        taken[k] |= in_x * OF_X | in_y * OF_Y | in_both * OF_BOTH
-    for k in range(begin, end):
-        next_word = taken[k + U(1)]
-        one = taken[k] >> U(8) | next_word << U(56)
-        two = taken[k] >> U(16) | next_word << U(48)
-        near[k] = (taken[k] | one) & IN_X | two >> U(1) & IN_X
-    _clear(near, end, end + U(2) * width)
-    for k in range(begin, end):
-        near[k] = (near[k] | near[k + width]) & ONES | near[k + U(2) * width] >> U(2) & ONES
-    for kind in range(U(KINDS)):
-        _clear(taken, kind * block + begin, kind * block + end)
-    _stack(near, windows, begin, end, width)
+    _mark(x, y, size, scratch, places)
+    taken, drawn, nothing = scratch.taken, scratch.drawn, every(U(0))
+    for strip in range(U(drawn[2]), U(drawn[3])):
+        window, above, second_above = nothing, nothing, nothing
+        for k in range(U(drawn[1] - drawn[0])):  # from the last row on
+            place = (U(drawn[1]) - U(1) - k) * U(COARSE_SIDE) + U(STRIP) * strip
+            two, third = strip_at(taken, place) | strip_at(taken, place + U(1)), strip_at(taken, place + U(2))
+            row = (two | third >> every(U(2))) & every(TWOS)
+            near = (row | above | second_above >> every(U(1))) & every(ONES)
+            window = (window + window) & every(ROWS_ABOVE) | near
+            put_strip(scratch.windows, place, window)
+            put_strip(taken, place, nothing)
+            above, second_above = row, above
 
 
 @inner
-def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any) -> None:
+def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
     """Makes the windows of a map in which a keypoint of the query is looked up.
 
-    A cell is taken if a keypoint lies in it or next to it.
+    A cell is taken if a keypoint lies in it or next to it. As keypoints are moved on by a cell, these are the
+    cells from it on. The ``places`` are as above.
     """
-    taken, near, windows, cells = scratch.taken, scratch.near, scratch.windows, scratch.taken_bytes
-    width = U(FINE_WORDS)
-    side, last = U(FINE_SIDE), U(FINE_SIDE - 1)
-    low, high = side, U(0)
-    for k in range(U(size)):
-        column, row = U(np.int64(x[k]) + FINE_SIDE // 2), U(np.int64(y[k]) + FINE_SIDE // 2)
-        if U(1) <= column < last and U(1) <= row < last:
-            low, high = min(low, row), max(high, row)
-            cells[row * side + column] = np.uint8(1)
-    if low > high:
-        _clear(windows, U(0), U(len(windows)))
-        return
-    begin, end = width * low, width * (high + U(1))
-    _clear(windows, begin - width, begin)
-    _clear(windows, end, end + width)
-    for k in range(begin, end):
-        here = taken[k]
-        beside = taken[k + U(1)] << U(56) | taken[k - U(1)] >> U(56)
-        windows[k] = here | here >> U(8) | here << U(8) | beside
-    _clear(taken, begin, end)
-    begin, end = begin - width, end + width
-    near[begin] = U(0)
-    for k in range(begin, end):
-        near[k] = windows[k]
-    for k in range(begin + width, end):
-        near[k] |= windows[k - width]
-    for k in range(begin, end - width):
-        near[k] |= windows[k + width]
-    _stack(near, windows, begin, end, width)
-
-
-@inner
-def _stack(near: Any, windows: Any, begin: Any, end: Any, width: Any) -> None:
-    """Windows on the cells (0 or 1) of ``near``, whose rows begin...end are not empty."""
-    first = begin - min(begin, U(7) * width)
-    _clear(near, first, begin)
-    _clear(near, end, end + U(7) * width)
-    _clear(windows, U(0), first)
-    _clear(windows, end, U(len(windows)))
-    for k in range(first, end):
-        windows[k] = (
-            near[k]
-            | near[k + width] << U(1)
-            | near[k + U(2) * width] << U(2)
-            | near[k + U(3) * width] << U(3)
-            | near[k + U(4) * width] << U(4)
-            | near[k + U(5) * width] << U(5)
-            | near[k + U(6) * width] << U(6)
-            | near[k + U(7) * width] << U(7)
-        )
+    _mark(x, y, size, scratch, places)
+    taken, drawn, nothing = scratch.taken, scratch.drawn, every(U(0))
+    for strip in range(U(drawn[2]), U(drawn[3])):
+        window, above, second_above = nothing, nothing, nothing
+        for k in range(U(drawn[1] - drawn[0])):
+            place = (U(drawn[1]) - U(1) - k) * U(FINE_SIDE) + U(STRIP) * strip
+            row = strip_at(taken, place) | strip_at(taken, place + U(1)) | strip_at(taken, place + U(2))
+            window = (window + window) & every(ROWS_ABOVE) | (row | above | second_above) & every(ONES)
+            put_strip(scratch.windows, place, window)
+            put_strip(taken, place, nothing)
+            above, second_above = row, above

@@ -49,7 +49,7 @@ class CoarseTables(NamedTuple):
         masks: of coarse steps.
         size: number of the query's keypoints.
         far: of those beyond LIMIT.
-        cells: (G, P, LANES) int64 places in the coarse windows of the query's keypoints, one for each coarse
+        cells: (G, P, LANES) uint32 places in the coarse windows of the query's keypoints, one for each coarse
             cell.
         begins: (G, B + 1) where those begin that stand for 1, 2, 4, ... keypoints; filled up to eights.
     """
@@ -57,7 +57,7 @@ class CoarseTables(NamedTuple):
     masks: Masks
     size: int
     far: int
-    cells: NDArray[np.int64]
+    cells: NDArray[np.uint32]
     begins: NDArray[np.int64]
 
     @classmethod
@@ -79,13 +79,13 @@ class FineTables(NamedTuple):
         across: places from one y to the next.
         rows: (G, R, LANES) uint8 as those of coarse `Masks`, of fine steps. Behind those of the cells follow as
             many of nothing as a block of offsets moves a place.
-        cells: (G, P, LANES) int64 places in the fine windows of the query's keypoints, filled up to eights.
+        cells: (G, P, LANES) uint32 places in the fine windows of the query's keypoints, filled up to eights.
     """
 
     half: int
     across: int
     rows: NDArray[np.uint8]
-    cells: NDArray[np.int64]
+    cells: NDArray[np.uint32]
 
     @classmethod
     def of(cls, seen: Views, coarse: CoarseTables) -> "FineTables":
@@ -144,7 +144,7 @@ def _rows(
     return ordered.view(np.uint8).reshape(-1, LANES)
 
 
-def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.uint32], NDArray[np.int64]]:
     """The coarse cells of a `CoarseTables`, and where their parts begin."""
     steps = (WINDOW + 2) // STEP
     counted = [
@@ -164,15 +164,15 @@ def _grouped(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.int
     return np.stack([_filled(group, room, COARSE.empty) for group in groups]), np.array(begins)
 
 
-def _in_lanes(rows: list[NDArray[np.int64]], nothing: int) -> NDArray[np.int64]:
+def _in_lanes(rows: list[NDArray[np.int64]], nothing: int) -> NDArray[np.uint32]:
     """(P, LANES) up to four rows side by side, filled up to eights with the place of nothing."""
     room = -(-max(map(len, rows)) // 8) * 8
     rows = [*rows, *[np.zeros(0, dtype=np.int64)] * (LANES - len(rows))]
-    return np.stack([_filled(row, room, nothing) for row in rows], axis=1)
+    return np.stack([_filled(row, room, nothing) for row in rows], axis=1).astype(np.uint32)
 
 
-def _filled(rows: NDArray[np.int64], room: int, nothing: int) -> NDArray[np.int64]:
-    return np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), nothing)])
+def _filled(rows: NDArray[Any], room: int, nothing: int) -> NDArray[Any]:
+    return np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), nothing, rows.dtype)])
 
 
 @kernel

@@ -271,7 +271,7 @@ def _most(
             most = _add_block(fine_tables, g, row, column, count, room)
             if look.tight and most + tables.far >= needed:
                 if not room.drawn[0]:
-                    fine_bitmaps(room.x, room.y, size, look.fine)
+                    fine_bitmaps(room.x, room.y, size, look.fine, room.places)
                     room.drawn[0] = True
                 most = _add_fine(fine_tables, g, row, column, look.fine, room)
             best = max(best, most)
@@ -283,7 +283,7 @@ def _add_both(tables: Any, g: Any, needed: Any, scratch: Any, there: Any, room: 
     """Makes ``room.here`` the coarse sums of the query's keypoints and ``room.total`` those of both, the map
     being drawn and ``there`` those of its own; returns the steps that reach what is needed."""
     clear(room.here)
-    _add_coarse(tables, g, scratch.window_bytes, room.here)
+    _add_coarse(tables, g, scratch.windows, room.here)
     add_sums(there, room.here, room.total)
     return at_least(room.total, max(np.int64(needed) - tables.far, np.int64(0)))
 
@@ -294,5 +294,5 @@ def _add_fine(fine_tables: Any, g: Any, row: Any, column: Any, scratch: Any, roo
     the largest."""
     cells, zero = fine_tables.cells[g], np.int64(0)
     move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
-    add_masks((scratch.window_bytes, move), cells, zero, len(cells), room.block, zero)
+    add_masks((scratch.windows, move), cells, zero, len(cells), room.block, zero)
     return largest(room.block, OF_A_BLOCK)

@@ -1,6 +1,7 @@
 """Four 64 bit words that are worked on at once, compiled: a vector register of any common processor holds them.
 
-Compiled code computes with them as with numbers: ``&``, ``|``, ``^`` and ``~`` of all bits, ``+`` of each word.
+Compiled code computes with them as with numbers: ``&``, ``|``, ``^`` and ``~`` of all bits, ``+`` and ``>>`` of
+each word.
 """
 
 import operator
@@ -48,6 +49,7 @@ _operation(operator.and_, "and_")
 _operation(operator.or_, "or_")
 _operation(operator.xor, "xor")
 _operation(operator.add, "add")
+_operation(operator.rshift, "lshr")
 
 
 @type_callable(operator.invert)
@@ -65,11 +67,21 @@ def _pointer(context: Any, builder: Any, array: Any, value: Any, place: Any) -> 
     return builder.gep(context.make_array(array)(context, builder, value).data, [place])
 
 
-def _load_lanes(context: Any, builder: Any, signature: Any, arguments: Any, align: int) -> Any:
-    """A vector from a row of an array on, whose rows have an element for each lane."""
-    place = builder.mul(arguments[1], WORD(LANES))
+def _load_lanes(
+    context: Any, builder: Any, signature: Any, arguments: Any, align: int, across: int = LANES
+) -> Any:
+    """A vector from a row of an array on, whose rows have so many elements, one for each lane or one in all."""
+    place = builder.mul(arguments[1], WORD(across))
     pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
     return builder.load(builder.bitcast(pointer, VECTOR.as_pointer()), align=align)
+
+
+def _store_lanes(context: Any, builder: Any, signature: Any, arguments: Any, align: int, across: int) -> Any:
+    """Writes a vector to where `_load_lanes` reads it."""
+    place = builder.mul(arguments[1], WORD(across))
+    pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
+    builder.store(arguments[2], builder.bitcast(pointer, VECTOR.as_pointer()), align=align)
+    return context.get_dummy_value()
 
 
 @intrinsic
@@ -82,6 +94,12 @@ def at(typing: Any, array: Any, row: Any) -> Any:
 def bytes_at(typing: Any, array: Any, row: Any) -> Any:
     """Eight rows of a C-contiguous (N, 4) uint8 array, from one on; see `by_lane`."""
     return lanes(array, types.uint64), partial(_load_lanes, align=1)
+
+
+@intrinsic
+def strip_at(typing: Any, array: Any, place: Any) -> Any:
+    """As many bytes of a uint8 array, from a place on."""
+    return lanes(array, types.uint64), partial(_load_lanes, align=1, across=1)
 
 
 @intrinsic
@@ -103,20 +121,20 @@ def by_lane(typing: Any, value: Any) -> Any:
 def put(typing: Any, array: Any, row: Any, value: Any) -> Any:
     """Writes a row of such an array."""
 
-    def store(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = builder.mul(arguments[1], WORD(LANES))
-        pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
-        builder.store(arguments[2], builder.bitcast(pointer, VECTOR.as_pointer()), align=8)
-        return context.get_dummy_value()
+    return types.void(array, types.uint64, lanes), partial(_store_lanes, align=8, across=LANES)
 
-    return types.void(array, types.uint64, lanes), store
+
+@intrinsic
+def put_strip(typing: Any, array: Any, place: Any, value: Any) -> Any:
+    """Writes the bytes of a uint8 array that `strip_at` reads."""
+    return types.void(array, types.uint64, lanes), partial(_store_lanes, align=1, across=1)
 
 
 @intrinsic
 def gathered(typing: Any, windows: Any, places: Any, row: Any, move: Any) -> Any:
     """Eight bytes of a uint8 array for each lane, the first one lowest.
 
-    They begin ``move`` bytes behind the places in a row of a C-contiguous (N, 4) int64 array.
+    They begin ``move`` bytes behind the places in a row of a C-contiguous (N, 4) uint32 array.
     """
 
     def gather(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -125,6 +143,7 @@ def gathered(typing: Any, windows: Any, places: Any, row: Any, move: Any) -> Any
         for lane in range(LANES):
             number = builder.add(begin, WORD(lane))
             place = builder.load(_pointer(context, builder, signature.args[1], arguments[1], number))
+            place = builder.zext(place, WORD)
             place = builder.add(place, arguments[3])
             pointer = _pointer(context, builder, signature.args[0], arguments[0], place)
             word = builder.load(builder.bitcast(pointer, WORD.as_pointer()), align=1)

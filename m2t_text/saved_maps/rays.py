@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.saved_maps.grid import OCCUPIED, UNKNOWN, States
-from m2t_text.util.compiling import inner, kernel
+from m2t_text.util.compiling import allocating_kernel, inner
 from m2t_text.util.types import Floats
 
 
@@ -78,7 +78,7 @@ class Beams(NamedTuple):
     veil: float
 
 
-@kernel
+@allocating_kernel
 def seen(
     states: States, allowed: NDArray[np.bool_], pose: Floats, beams: Beams, steps: int, step: float
 ) -> tuple[Floats, int]:
@@ -108,7 +108,7 @@ def seen(
     return found[:n], steps + 1
 
 
-@kernel
+@allocating_kernel
 def passed_free(states: States, places: Floats, beams: Beams) -> tuple[NDArray[np.bool_], int, int]:
     """The free cells that the beams of scans pass before they meet something.
 
@@ -144,7 +144,7 @@ def passed_free(states: States, places: Floats, beams: Beams) -> tuple[NDArray[n
     return passed, left, low
 
 
-@kernel
+@allocating_kernel
 def nearest_open(allowed: NDArray[np.bool_], side: int) -> Floats:
     """(N, 2) columns and rows: of each square of ``side`` x ``side`` cells its place, if any cell is allowed.
 

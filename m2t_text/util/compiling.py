@@ -45,14 +45,12 @@ class KernelCache(FunctionCache):
 
 def kernel(function: Function) -> Function:
     """Compiles a function that Python calls, when it is first called; the machine code is kept on the disk."""
-    compiled: Any = numba.njit(nogil=True, **UNCOUNTED)(function)
-    chosen = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(kernel_folder())  # looked up as the cache is made, not later
-    try:
-        compiled._cache = KernelCache(function)
-    finally:
-        numba.config.CACHE_DIR = chosen
-    return compiled
+    return _kept(function, UNCOUNTED)
+
+
+def allocating_kernel(function: Function) -> Function:
+    """The same for a function that returns arrays of its own, for which compiling takes longer."""
+    return _kept(function, {})
 
 
 def inner(function: Function) -> Function:
@@ -66,6 +64,19 @@ def inlined(function: Function) -> Function:
     """The same for a function of a few lines: it becomes part of its callers before they are compiled."""
     compiled: Function = numba.njit(inline="always", **UNCOUNTED)(function)
     return compiled
+
+
+def _kept(function: Function, options: dict[str, bool]) -> Function:
+    """A function that is compiled when it is first called, and kept."""
+    compiled: Any = numba.njit(nogil=True, **options)(function)
+    chosen = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(kernel_folder())  # looked up as the cache is made, not later
+    try:
+        compiled._cache = KernelCache(function)
+    finally:
+        numba.config.CACHE_DIR = chosen
+    result: Function = compiled
+    return result
 
 
 def kernel_folder() -> Path:

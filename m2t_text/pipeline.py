@@ -1,8 +1,9 @@
 """From a log to documents: the paper's method in one place (IV-A, IV-B, IV-C)."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +17,14 @@ from m2t_text.description.text import Text
 from m2t_text.description.viewpoint import plan_viewpoint
 from m2t_text.logs.log import Log
 from m2t_text.mapping.local_map import LocalMap, Survey, local_maps, run_starts
+from m2t_text.mapping.parts import Matching, Part, parts_of
 from m2t_text.mapping.single_run import BEFORE, local_map_at
 from m2t_text.mapping.trajectory import survey, travel_of
 from m2t_text.util.geometry import inverse, transform
 from m2t_text.util.types import StageProgress
 from m2t_text.util.workers import mapped
 
-Maps = Callable[[NDArray[np.int64]], Iterable[LocalMap]]  # those of some numbers; it goes to other processes
-
-CHUNK = 64  # maps described between two steps of a progress bar
+Chunk = TypeVar("Chunk", bound=Sized)
 
 
 def describe(local_map: LocalMap, dataset: str, parameters: Parameters) -> Document:
@@ -89,9 +89,22 @@ def describe_log(
         ('drive/000000', True)
     """
     tell = progress or _silent
-    # Map building (IV-A)
-    whole = survey(log, parameters.mapping, partial(tell, "scans"))
-    yield from describe_survey(whole, log.name, parameters, jobs, tell)
+    matching = Matching(log, parameters.mapping, progress=partial(tell, "scans"))
+    yield from describe_matching(matching, log.name, parameters, jobs, tell)
+
+
+def describe_matching(
+    matching: Matching,
+    dataset: str,
+    parameters: Parameters,
+    jobs: int = 1,
+    progress: StageProgress | None = None,
+) -> Iterator[Document]:
+    """The documents of all local maps of a log, described while later scans are matched (IV-A).
+
+    All scans are matched by the time that the first document is given.
+    """
+    return describe_all(partial(_cut, parameters), matching.parts(), dataset, parameters, jobs, progress)
 
 
 def describe_survey(
@@ -107,30 +120,40 @@ def describe_survey(
     The same for any number of ``jobs`` (processes). ``progress`` is called with (stage, done, total). Maps that
     begin less than ``spacing`` metres of travel after the one before are left out.
     """
-    starts = run_starts(whole, parameters.mapping.run_length, spacing)
-    maps = partial(local_maps, whole, parameters.mapping)
-    return describe_all(maps, starts, dataset, parameters, jobs, progress)
+    run_length = parameters.mapping.run_length
+    parts = parts_of(whole, run_starts(whole, run_length, spacing), run_length)
+    return describe_all(partial(_cut, parameters), parts, dataset, parameters, jobs, progress)
+
+
+def _cut(parameters: Parameters, part: Part) -> Iterator[LocalMap]:
+    return part.local_maps(parameters.mapping)
 
 
 def describe_all(
-    maps: Maps,
-    numbers: NDArray[np.int64],
+    maps: Callable[[Chunk], Iterable[LocalMap]],
+    chunks: Iterable[Chunk],
     dataset: str,
     parameters: Parameters,
     jobs: int = 1,
     progress: StageProgress | None = None,
 ) -> Iterator[Document]:
-    """The documents of all local maps that ``maps`` makes of the ``numbers``, in their order.
+    """The documents of all local maps that ``maps`` makes of each chunk, as many as its length, in their order.
 
-    The same for any number of ``jobs`` (processes). ``progress`` is called with (stage, done, total).
+    The same for any number of ``jobs`` (processes), to which both go. ``progress`` is called with (stage, done,
+    total).
     """
-    tell = progress or _silent
-    chunks = [numbers[k : k + CHUNK] for k in range(0, len(numbers), CHUNK)]
-    done = 0
-    for documents in mapped(partial(_describer, maps, dataset, parameters), chunks, jobs):
+    tell, done, total = progress or _silent, 0, 0
+
+    def counted() -> Iterator[Chunk]:
+        nonlocal total
+        for chunk in chunks:
+            total += len(chunk)
+            yield chunk
+
+    for documents in mapped(partial(_describer, maps, dataset, parameters), counted(), jobs):
         yield from documents
         done += len(documents)
-        tell("maps", done, len(numbers))
+        tell("maps", done, total)
 
 
 def describe_at(log: Log, scan: int, parameters: Parameters) -> Document:
@@ -176,7 +199,7 @@ def _silent(stage: str, done: int, of: int) -> None:
 
 
 def _describer(
-    maps: Maps, dataset: str, parameters: Parameters
-) -> Callable[[NDArray[np.int64]], list[Document]]:
-    """What describes a chunk of numbers."""
+    maps: Callable[[Chunk], Iterable[LocalMap]], dataset: str, parameters: Parameters
+) -> Callable[[Chunk], list[Document]]:
+    """What describes a chunk."""
     return lambda chunk: [describe(one, dataset, parameters) for one in maps(chunk)]

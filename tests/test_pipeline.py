@@ -12,6 +12,7 @@ from m2t_text.description.document import Document
 from m2t_text.logs import Log, read_log
 from m2t_text.logs.log import Scan
 from m2t_text.mapping.local_map import Survey, local_maps, run_starts
+from m2t_text.mapping.parts import Matching
 from m2t_text.mapping.trajectory import survey
 from m2t_text.pipeline import describe, describe_at, describe_log
 from m2t_text.util.geometry import travel
@@ -130,3 +131,32 @@ def test_any_number_of_processes_makes_the_same_documents(short: Path) -> None:
     assert [line(each) for each in describe_log(log, DEFAULT, 2)] == one
     for stage, count in (("scans", len(log.scans)), ("maps", len(one))):
         assert [state for state in told if state[0] == stage][-1] == (stage, count, count)
+
+
+@pytest.mark.parametrize("spacing", [0.0, 0.7])
+def test_maps_that_are_described_while_scans_are_matched_are_those_of_the_whole_drive(spacing: float) -> None:
+    """Two drives and a leap; on one of them the robot stands, on another it does not drive as far as a run."""
+    first, third = driving(8.0), driving(9.5)
+    stands, leapt = np.repeat(first[-1:], 150, axis=0), third + np.array([60.0, 0.0, 0.0])
+    poses = np.concatenate([first, stands, driving(4.0), third, leapt])
+    log = in_a_room(poses % [9.0, 1.0, 1.0])
+    seen = [replace(scan, odometry=pose) for scan, pose in zip(log.scans, poses, strict=True)]
+    second = len(first) + 150
+    log = replace(log, scans=tuple(replace(scan, drive=int(k >= second)) for k, scan in enumerate(seen)))
+    mapping = DEFAULT.mapping
+    whole = survey(log, mapping)
+    assert len(np.unique(whole.drive_ends)) == 3
+    matching = Matching(log, mapping, spacing)
+    parts = list(matching.parts())
+    starts = np.concatenate([part.starts + part.first for part in parts])
+    assert np.array_equal(starts, run_starts(whole, mapping.run_length, spacing)) and len(parts) > 1
+    assert matching.travel == whole.way[-1]
+    found = [one for part in parts for one in part.local_maps(mapping)]
+    for one, wanted in zip(found, local_maps(whole, mapping, starts), strict=True):
+        assert (one.first_scan, one.last_scan) == (wanted.first_scan, wanted.last_scan)
+        for name in ("points", "trajectory", "travel", "pose"):
+            assert np.array_equal(getattr(one, name), getattr(wanted, name))
+        assert one.free is not None and wanted.free is not None
+        assert np.array_equal(one.free.cells, wanted.free.cells) and np.array_equal(
+            one.free.pose, wanted.free.pose
+        )

@@ -43,17 +43,14 @@ class _Kept:
     moved: bool
 
 
-class _Window(Survey):
+def _survey_of(kept: Sequence[_Kept], laser: Floats) -> Survey:
     """The last scans of a drive as a survey. Their travel was counted from the begin of the drive."""
-
-    def __init__(self, kept: Sequence[_Kept], laser: Floats) -> None:
-        starts = np.cumsum([0, *(len(one.points) for one in kept)]).astype(np.int64)
-        beams = Beams.joined([one.bearings for one in kept], [one.lengths for one in kept], laser)
-        points = np.concatenate([np.empty((0, 2)), *(one.points for one in kept)])
-        super().__init__(points, starts, np.array([one.pose for one in kept]).reshape(-1, 3), beams=beams)
-        # In place of what a survey would count from its first scan:
-        self.__dict__["way"] = np.array([one.way for one in kept])
-        self.__dict__["moved"] = np.array([one.moved for one in kept], dtype=np.bool_)
+    starts = np.cumsum([0, *(len(one.points) for one in kept)]).astype(np.int64)
+    beams = Beams.joined([one.bearings for one in kept], [one.lengths for one in kept], laser)
+    points = np.concatenate([np.empty((0, 2)), *(one.points for one in kept)])
+    survey = Survey(points, starts, np.array([one.pose for one in kept]).reshape(-1, 3), beams=beams)
+    moved = np.array([one.moved for one in kept], dtype=np.bool_)
+    return survey.counted(np.array([one.way for one in kept]), moved)
 
 
 class LiveSurvey:
@@ -209,7 +206,7 @@ class LiveSurvey:
     def _local_map(self, kept: Sequence[_Kept], metres: float) -> LocalMap:
         """What was seen from the first of some scans on, for so many metres or up to the last of them."""
         mapping = self.parameters.mapping
-        window = _Window(kept, self.laser_pose)
+        window = _survey_of(kept, self.laser_pose)
         starts: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
         (found,) = local_maps(window, replace(mapping, run_length=metres), starts)
         return replace(found, first_scan=kept[found.first_scan].number, last_scan=kept[found.last_scan].number)

@@ -61,6 +61,12 @@ class Beams:
         none = np.empty(0)
         return cls(starts, np.concatenate([none, *bearings]), np.concatenate([none, *lengths]), laser)
 
+    def part(self, begin: int, end: int) -> "Beams":
+        """Those of the scans from ``begin`` to before ``end``."""
+        starts = self.starts[begin : end + 1]
+        part = slice(starts[0], starts[-1])
+        return Beams(starts - starts[0], self.bearings[part], self.lengths[part], self.laser)
+
 
 def clear_lengths(ranges: Floats, longest: float, range_limit: float) -> Floats:
     """How far each beam (B,) of a scan is known to have passed nothing but free space, metres.

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +60,21 @@ class Survey:
     cuts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     beams: Beams | None = None
 
+    def counted(self, way: Floats, moved: NDArray[np.bool_]) -> "Survey":
+        """The same with travel and motion that were counted otherwise than from its first scan."""
+        found = replace(self)
+        found.__dict__.update(way=way, moved=moved)  # in place of the properties
+        return found
+
+    def part(self, begin: int, end: int) -> "Survey":
+        """The scans from ``begin`` to before ``end``; travel is counted as before."""
+        points = self.points[self.starts[begin] : self.starts[end]]
+        starts = self.starts[begin : end + 1] - self.starts[begin]
+        cuts = self.cuts[(self.cuts > begin) & (self.cuts < end)] - begin
+        beams = None if self.beams is None else self.beams.part(begin, end)
+        found = Survey(points, starts, self.trajectory[begin:end], cuts, beams)
+        return found.counted(self.way[begin:end], self.moved[begin:end])
+
     @cached_property
     def drive_ends(self) -> NDArray[np.int64]:
         """(S,) the last scan of each scan's drive; a leap ends a drive, too."""
@@ -111,13 +126,14 @@ def _apart(a: Floats, b: Floats) -> float:
     return math.hypot(b[0] - a[0], b[1] - a[1])
 
 
-def run_starts(survey: Survey, run_length: float, spacing: float = 0.0) -> NDArray[np.int64]:
+def run_starts(
+    survey: Survey, run_length: float, spacing: float = 0.0, after: float = 0.0
+) -> NDArray[np.int64]:
     """Indices of the scans after which the robot travelled at least ``run_length`` metres on the same drive.
 
-    Those less than ``spacing`` metres of travel after the one before are left out.
+    Those less than ``spacing`` metres of travel after the one before are left out, and those before ``after``.
     """
-    way = survey.way
-    starts, after = [], 0.0
+    way, starts = survey.way, []
     for scan in np.flatnonzero(way[survey.drive_ends] - way >= run_length):
         if way[scan] >= after:
             starts.append(scan)
@@ -125,7 +141,7 @@ def run_starts(survey: Survey, run_length: float, spacing: float = 0.0) -> NDArr
     return np.array(starts, dtype=np.int64)
 
 
-def _run_ends(survey: Survey, starts: NDArray[np.int64], run_length: float) -> NDArray[np.int64]:
+def run_ends(survey: Survey, starts: NDArray[np.int64], run_length: float) -> NDArray[np.int64]:
     """The scans that complete the runs, or the last ones of their drives."""
     ends = np.searchsorted(survey.way, survey.way[starts] + run_length)
     return np.maximum(starts, np.minimum(ends, survey.drive_ends[starts]))  # who stands does not travel
@@ -142,7 +158,7 @@ def local_maps(
     way, length = survey.way, parameters.run_length
     starts = run_starts(survey, length) if starts is None else starts
     free = None if survey.beams is None else FreeScans(survey.beams, survey.trajectory, parameters.cell)
-    for first, last in zip(starts, _run_ends(survey, starts, length), strict=True):
+    for first, last in zip(starts, run_ends(survey, starts, length), strict=True):
         run = first + np.flatnonzero(survey.moved[first : last + 1])
         if not len(run) or run[0] != first:
             run = np.concatenate([[first], run])

@@ -48,18 +48,18 @@ class LogSource:
         return self.log.warnings
 
     def describe(self, parameters: Parameters, jobs: int, tell: StageProgress) -> Described:
-        from m2t_text.mapping.trajectory import survey  # compiled code, slow to import
-        from m2t_text.pipeline import describe_survey
+        from m2t_text.mapping.parts import Matching  # compiled code, slow to import
+        from m2t_text.pipeline import describe_matching
 
-        whole = survey(self.log, parameters.mapping, partial(tell, "scans"))
-        documents = describe_survey(whole, self.name, parameters, jobs, tell)
+        matching = Matching(self.log, parameters.mapping, progress=partial(tell, "scans"))
+        documents = describe_matching(matching, self.name, parameters, jobs, tell)
         first = next(documents, None)
         if first is None:
             length = parameters.mapping.run_length
             raise LogError(
                 f"{self.name}: the robot travels less than the {length:g} m of one map; record a longer log"
             )
-        return Described(chain([first], documents), (len(self.log.scans), float(whole.way[-1])))
+        return Described(chain([first], documents), (len(self.log.scans), matching.travel))
 
 
 @dataclass(frozen=True)

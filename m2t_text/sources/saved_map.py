@@ -13,7 +13,7 @@ from m2t_text.errors import MapFileError
 from m2t_text.pipeline import describe_all
 from m2t_text.saved_maps.grid import FREE, OCCUPIED, UNKNOWN, Grid
 from m2t_text.saved_maps.reading import CELLS, read_map
-from m2t_text.saved_maps.sampling import CLEARANCE, Sampler, distinct_views
+from m2t_text.saved_maps.sampling import CHUNK, CLEARANCE, Sampler, distinct_views
 from m2t_text.util.names import checked_name, dataset_name
 from m2t_text.util.types import StageProgress
 
@@ -82,4 +82,5 @@ class SavedMap:
                 "occupied ones; are resolution, thresholds and negate right?"
             )
         maps = partial(sampler.local_maps, views)
-        return Described(describe_all(maps, np.arange(len(views)), self.name, parameters, jobs, tell), (0, 0.0))
+        chunks = np.split(np.arange(len(views)), range(CHUNK, len(views), CHUNK))
+        return Described(describe_all(maps, chunks, self.name, parameters, jobs, tell), (0, 0.0))

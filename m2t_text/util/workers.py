@@ -8,6 +8,7 @@ import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
+from itertools import chain, islice
 from threading import Thread, local
 from typing import Any, TypeVar
 
@@ -122,18 +123,24 @@ def _work_beside_others() -> None:
     _place.beside_others = True
 
 
-def mapped(make: Callable[[], Callable[[Item], Result]], items: Sequence[Item], jobs: int) -> Iterator[Result]:
+def mapped(make: Callable[[], Callable[[Item], Result]], items: Iterable[Item], jobs: int) -> Iterator[Result]:
     """What the function that ``make()`` gives makes of each item, in their order, by so many processes.
 
-    ``make`` is called once in each process, so that what the function holds is not sent with every item.
+    ``make`` is called once in each process, so that what the function holds is not sent with every item. All
+    items are taken before the first result is given, and while they are made those before them are worked on.
     """
-    if jobs <= 1 or len(items) <= 1:
-        yield from map(make(), items)
+    coming = iter(items)
+    first = list(islice(coming, 2))
+    if jobs <= 1 or len(first) <= 1:
+        yield from map(make(), [*first, *coming])
         return
     from concurrent.futures import ProcessPoolExecutor
 
-    with ProcessPoolExecutor(jobs, initializer=_start, initargs=(make,)) as pool:
-        yield from pool.map(_work, items)
+    pool = ProcessPoolExecutor(jobs, initializer=_start, initargs=(make,))
+    try:
+        yield from pool.map(_work, chain(first, coming))
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 _function: Callable[[Any], Any]

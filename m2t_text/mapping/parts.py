@@ -1,0 +1,113 @@
+"""A drive in parts, which can be described side by side: a few runs, and the scans that they take."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from m2t_text.config import MappingParameters
+from m2t_text.logs.log import Log
+from m2t_text.mapping.free_space import Beams
+from m2t_text.mapping.local_map import LocalMap, Odometer, Survey, local_maps, run_ends, run_starts
+from m2t_text.mapping.trajectory import hits, refined_poses
+from m2t_text.util.types import Floats, Ints, Progress
+
+RUNS = 64  # in a part
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some runs of a drive.
+
+    Attributes:
+        survey: of the scans that they take; travel is counted from the begin of the drive.
+        starts: (K,) the scans of the survey at which they begin.
+        first: number of its first scan in the drive.
+    """
+
+    survey: Survey
+    starts: Ints
+    first: int
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def local_maps(self, parameters: MappingParameters) -> Iterator[LocalMap]:
+        """What was seen on each run."""
+        for found in local_maps(self.survey, parameters, self.starts):
+            first, last = found.first_scan + self.first, found.last_scan + self.first
+            yield replace(found, first_scan=first, last_scan=last)
+
+
+def parts_of(survey: Survey, starts: Ints, run_length: float, first: int = 0) -> Iterator[Part]:
+    """The runs of a survey that begin at the scans ``starts``, ascending; its first scan has the number
+    ``first``."""
+    for some in np.split(starts, range(RUNS, len(starts), RUNS)):
+        if len(some):
+            begin, end = int(some[0]), int(run_ends(survey, some, run_length)[-1]) + 1
+            yield Part(survey.part(begin, end), some - begin, first + begin)
+
+
+class Matching:
+    """The scans of a log as they are matched, and the parts of the drive that are complete by then.
+
+    Args:
+        spacing: metres of travel after a run's begin within which no other begins.
+        progress: called with (scans done, total).
+
+    Attributes:
+        travel: metres up to the last scan that was matched.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        parameters: MappingParameters,
+        spacing: float = 0.0,
+        progress: Progress | None = None,
+    ) -> None:
+        self.travel = 0.0
+        self._log, self._run_length, self._spacing = log, parameters.run_length, spacing
+        self._progress = progress or (lambda done, of: None)
+        self._points, self._starts = hits(log, parameters.range_limit)
+        self._beams = Beams.of(log, parameters.range_limit)
+        self._poses: list[Floats] = []
+        self._way: list[float] = []
+        self._moved: list[bool] = []
+
+    def parts(self) -> Iterator[Part]:
+        """All parts, in their order; together they have the runs of `run_starts`."""
+        odometer, begin, after = Odometer(), 0, 0.0  # the next run begins not before this scan and travel
+        for pose in refined_poses(self._log):
+            self.travel, moved = odometer.add(pose)
+            self._poses.append(pose)
+            self._way.append(self.travel)
+            self._moved.append(moved)
+            done, scans = len(self._poses), len(self._log.scans)
+            self._progress(done, scans)
+            far = self.travel - self._way[begin] >= self._run_length
+            if done == scans or (far and done % RUNS == 0):
+                survey = self._survey(begin)
+                starts = run_starts(survey, self._run_length, self._spacing, after)
+                if done < scans:
+                    starts = starts[self._complete(survey, starts)]
+                yield from parts_of(survey, starts, self._run_length, begin)
+                if len(starts):
+                    after = survey.way[starts[-1]] + self._spacing
+                    begin += int(starts[-1]) + 1
+
+    def _survey(self, begin: int) -> Survey:
+        """Of the scans that were matched, from one on."""
+        end = len(self._poses)
+        trajectory, way = np.array(self._poses[begin:]).reshape(-1, 3), np.array(self._way[begin:])
+        moved = np.array(self._moved[begin:], dtype=np.bool_)
+        points = self._points[self._starts[begin] : self._starts[end]]
+        starts = self._starts[begin : end + 1] - self._starts[begin]
+        cuts = self._log.cuts[(self._log.cuts > begin) & (self._log.cuts < end)] - begin
+        return Survey(points, starts, trajectory, cuts, self._beams.part(begin, end)).counted(way, moved)
+
+    def _complete(self, survey: Survey, starts: Ints) -> Ints:
+        """Which of the runs have all of their scans, be it that more follow."""
+        ends, scans = survey.drive_ends[starts], len(survey.trajectory)
+        reached = survey.way[ends] >= survey.way[starts] + self._run_length
+        return np.flatnonzero(reached | (ends < scans - 1))

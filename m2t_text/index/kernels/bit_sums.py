@@ -11,7 +11,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from m2t_text.index.kernels.simd import at, bytes_at, every, gathered, put, some
+from m2t_text.index.kernels.simd import at, bytes_at, every, gathered, put, rotated, some
 from m2t_text.util.compiling import inlined, inner
 
 U = np.uint64
@@ -117,6 +117,31 @@ def add_sums(sums: Any, others: Any, result: Any) -> None:
 
 
 @inner
+def fold(sums: Any, others: Any, lane: Any, number: Any, result: Any) -> Any:
+    """Writes the sums of all four lanes, and those in one lane of others, to each lane of a third.
+
+    Returns a mask of those that reach a number; see `at_least`.
+    """
+    carried, carried_too, reached = every(U(0)), every(U(0)), every(~U(0))
+    for digit in range(U(len(sums))):
+        a = at(sums, digit)
+        b = rotated(rotated(a))
+        plane, carried = _add(a, b, carried)
+        put(result, digit, plane)
+    carried = every(U(0))
+    for digit in range(U(len(sums))):
+        a = at(result, digit)
+        b = rotated(a)
+        plane, carried = _add(a, b, carried)
+        other = every(others[digit, lane])
+        plane, carried_too = _add(plane, other, carried_too)
+        put(result, digit, plane)
+        spared = every((U(number) >> digit & U(1)) - U(1))  # where the number has no bit
+        reached = plane & (reached | spared) | reached & spared
+    return reached
+
+
+@inner
 def largest(sums: Any, among: Any) -> Any:
     """The largest of the sums whose bits ``among`` has in any lane."""
     left, value = every(U(among)), 0
@@ -134,9 +159,7 @@ def at_least(sums: Any, number: Any) -> Any:
     greater, equal = every(U(0)), every(~U(0))
     for digit in range(len(sums) - 1, -1, -1):
         plane = at(sums, U(digit))
-        if (number >> digit) & 1:
-            equal = equal & plane
-        else:
-            greater = greater | equal & plane
-            equal = equal & ~plane
+        wanted = every(U(0) - (U(number) >> U(digit) & U(1)))  # not a branch, which might be guessed wrong
+        greater = greater | equal & plane & ~wanted
+        equal = equal & ~(plane ^ wanted)
     return greater | equal

@@ -77,9 +77,10 @@ class FineTables(NamedTuple):
     Attributes:
         half: cells from the middle to the border's end.
         across: places from one y to the next.
-        rows: (G, R, LANES) uint8 as those of coarse `Masks`, of fine steps. Behind those of the cells follow as
-            many of nothing as a block of offsets moves a place.
-        cells: (G, P, LANES) uint32 places in the fine windows of the query's keypoints, filled up to eights.
+        rows: (V, R) uint8 as those of coarse `Masks`, of fine steps and of each view by itself. Behind those of
+            the cells follow as many of nothing as a block of offsets moves a place.
+        cells: (V, P, LANES) uint32 places in the fine windows of the query's keypoints, LANES in each row,
+            filled up to eight rows.
     """
 
     half: int
@@ -92,16 +93,19 @@ class FineTables(NamedTuple):
         """Of a query with keypoints."""
         near = _near(seen)
         places = FINE.places(seen.wx[:, near], seen.wy[:, near])
-        cells = [_in_lanes(list(places[g : g + LANES]), FINE.empty) for g in range(0, len(places), LANES)]
+        room = -(-places.shape[1] // (8 * LANES)) * 8 * LANES
+        cells = np.full((len(places), room), FINE.empty, np.uint32)
+        cells[:, : places.shape[1]] = places
         half = coarse.masks.half + BORDER
         length = 2 * half + MARGIN + 9
         table = _rows_by_group(seen, half, 0, 1, length).reshape(-1, 2 * half, length, LANES)
         if coarse.far:  # what lies beyond may match
             table[:, :BORDER] = table[:, -BORDER:] = 255
             table[:, :, :BORDER] = table[:, :, 2 * half - BORDER :] = 255
-        nothing = np.zeros((len(table), MOVED * (length + 1) + 9, LANES), np.uint8)
-        rows = np.concatenate([table.reshape(len(table), -1, LANES), nothing], axis=1)
-        return cls(half, length, rows, np.stack(cells))
+        of_views = table.reshape(-1, 2 * half * length, LANES).transpose(0, 2, 1)
+        rows = np.zeros((len(places), 2 * half * length + MOVED * (length + 1) + 9), np.uint8)
+        rows[:, : 2 * half * length] = of_views.reshape(-1, 2 * half * length)[: len(places)]
+        return cls(half, length, rows, cells.reshape(len(places), -1, LANES))
 
 
 def _near(seen: Views) -> NDArray[np.bool_]:

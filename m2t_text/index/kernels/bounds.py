@@ -3,13 +3,13 @@
 A map's score is the overlap at one offset of the viewpoints, so the largest overlap over all offsets bounds it.
 Offsets are taken together: a 64 bit mask has one bit for each of eight steps in x times eight in y, and
 says under which of them a keypoint lies near one of the other map. The masks of all keypoints are added, all 64
-sums of four views at once (``sums``). A coarse step stands for three offsets, and near is what is near under
-one of them; a fine step is one offset. This is branch and bound, as in scan matching (Olson, ICRA 2009; Hess et
-al., ICRA 2016), in three stages:
+sums of four views at once (``sums``); where few views are left, those of four parts of one. A coarse step
+stands for three offsets, and near is what is near under one of them; a fine step is one offset. This is branch
+and bound, as in scan matching (Olson, ICRA 2009; Hess et al., ICRA 2016), in three stages:
 
 - the coarse sums of both maps' keypoints;
-- of two by two coarse steps that may still reach what is needed, a block, the fine sums of the map's keypoints
-  and the coarse ones of the query's: only the query's tables are looked at, and most blocks fall;
+- of two by two coarse steps of a view that may still reach what is needed, a block, the fine sums of the map's
+  keypoints and the coarse ones of the query's: only the query's tables are looked at, and most blocks fall;
 - the fine sums of both, for which the map is drawn on a fine grid.
 """
 
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from m2t_text.index.kernels.bit_sums import INNER, add_masks, add_sums, at_least, clear, largest
+from m2t_text.index.kernels.bit_sums import INNER, add_masks, add_sums, at_least, clear, fold, largest
 from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, fine_bitmaps
 from m2t_text.index.kernels.bound_tables import FIRST, MOVED, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
@@ -31,6 +31,7 @@ TWO_STEPS = U(0x0303)  # the bits of two by two coarse steps, and
 OF_A_BLOCK = U(0x00003F3F3F3F3F3F)  # of the six by six offsets in them,
 OF_A_STEP = U(0x0000000000070707)  # and of the three by three in the first of these
 SAMPLED = 8  # every eighth keypoint tells which maps are worth scoring first
+AT_ONCE = 8 * LANES  # keypoints that are added at a time where lanes share those of a view
 FEW = 6  # blocks of a group of views up to which they are looked at as soon as they are found
 
 
@@ -58,7 +59,7 @@ def _places(x: Any, y: Any, size: Any, masks: Any, places: Any) -> Any:
 
 @inner
 def _fine_places(x: Any, y: Any, size: Any, fine_tables: Any, places: Any) -> Any:
-    """Writes where the fine masks of cells (x - dx, y - dy) are, filled up to eights, and returns their number.
+    """Writes where the fine masks of cells (x - dx, y - dy) are, in full passes, and returns their number.
 
     The offsets dx and dy are the least in x and the greatest in y that blocks begin at: any other moves all
     places by a number that is not negative. What lies outside is taken to the border, beyond which no block
@@ -70,7 +71,7 @@ def _fine_places(x: Any, y: Any, size: Any, fine_tables: Any, places: Any) -> An
         i = min(max(np.int32(x[k] + right), np.int32(MOVED)), last)
         j = min(max(np.int32(y[k] + up), np.int32(0)), np.int32(last - MOVED))
         places[k] = np.uint32(np.uint32(j) * across + np.uint32(last - i))
-    full = (size + 7) // 8 * 8
+    full = -(-size // AT_ONCE) * AT_ONCE
     for k in range(U(size), U(full)):
         places[k] = np.uint32(last + 1) * across
     return full
@@ -98,35 +99,44 @@ class Room(NamedTuple):
 
     Attributes:
         x, y: (N,) int32 cells of a map.
-        places, fine_places: (N,) uint32 of them in the tables.
+        places, fine_places: (N,) uint32 of them in the tables; fine_rows: (N / LANES, LANES) the same again.
         sums: (G, D, LANES) uint64 of the map's keypoints, for each group of views.
         promising: (G,) bool whether a group of views may reach what is needed.
         drawn: (1,) bool whether the map is drawn on the fine grid.
-        here, total, block: (D, LANES) uint64 of the query's keypoints, of both, and of a block.
+        steps: (1, LANES) uint64 those of a block that may reach what is needed.
+        here, total: (D, LANES) uint64 of the query's keypoints, and of both.
+        spread: of the query's under a block's offsets.
+        block: of a view under a block's offsets, each lane of a part of the keypoints.
+        nothing: no sums.
     """
 
     x: Any
     y: Any
     places: Any
     fine_places: Any
+    fine_rows: Any
     sums: Any
     promising: Any
     drawn: Any
+    steps: Any
     here: Any
     total: Any
+    spread: Any
     block: Any
+    nothing: Any
 
     @classmethod
     def of(cls, texts: Texts, documents: Any, tables: CoarseTables) -> "Room":
         """Enough for any of the documents and the query."""
-        groups, most = len(tables.cells), texts.largest(documents) + 8
+        groups, most = len(tables.cells), -(-texts.largest(documents) // AT_ONCE) * AT_ONCE + AT_ONCE
         digits = max((most + tables.size).bit_length(), INNER + tables.begins.shape[1])
         x, y = np.empty((2, most), np.int32)
         places, fine_places = np.empty((2, most), np.uint32)
         sums, flags = np.empty((groups, digits, LANES), np.uint64), np.zeros(groups + 1, np.bool_)
-        return cls(
-            x, y, places, fine_places, sums, flags[1:], flags[:1], *np.empty((3, digits, LANES), np.uint64)
-        )
+        here, total, spread, block, nothing = np.zeros((5, digits, LANES), np.uint64)
+        rows, steps, drawn = fine_places.reshape(-1, LANES), np.empty((1, LANES), np.uint64), flags[:1]
+        of_keypoints = x, y, places, fine_places, rows, sums, flags[1:], drawn
+        return cls(*of_keypoints, steps, here, total, spread, block, nothing)
 
 
 @inner
@@ -156,17 +166,6 @@ def _spread(sums: Any, row: Any, column: Any, result: Any) -> None:
             of_step = full(plane & every(U(1) << (first + U(8) * i + j)))
             spread = spread | of_step & every(OF_A_STEP << (U(24) * i + U(3) * j))
         put(result, digit, spread)
-
-
-@inner
-def _add_block(fine_tables: Any, g: Any, row: Any, column: Any, count: Any, room: Any) -> Any:
-    """Makes ``room.block`` the fine sums of the map's keypoints in a block, and ``room.total`` these with the
-    coarse ones of the query's; returns the largest of them. The ``count`` fine places are there."""
-    move = 2 * STEP * row + (MOVED - 2 * STEP * column) * fine_tables.across
-    _add_cells(fine_tables.rows[g, move:], room.fine_places, count, room.block)
-    _spread(room.here, row, column, room.total)
-    add_sums(room.block, room.total, room.total)
-    return largest(room.total, OF_A_BLOCK)
 
 
 class Look(NamedTuple):
@@ -267,15 +266,41 @@ def _most(
         return largest(room.total, ~U(0))
     for block in range(16):
         row, column = block // 4, block % 4
-        if some(_of_block(steps, row, column)):
-            most = _add_block(fine_tables, g, row, column, count, room)
-            if look.tight and most + tables.far >= needed:
-                if not room.drawn[0]:
-                    fine_bitmaps(room.x, room.y, size, look.fine, room.places)
-                    room.drawn[0] = True
-                most = _add_fine(fine_tables, g, row, column, look.fine, room)
-            best = max(best, most)
+        of_block = _of_block(steps, row, column)
+        if some(of_block):
+            put(room.steps, U(0), of_block)
+            _spread(room.here, row, column, room.spread)
+            for lane in range(LANES):
+                view = g * LANES + lane
+                if room.steps[0, lane] != 0 and view < len(fine_tables.rows):
+                    least = np.int64(needed) - tables.far
+                    most = _most_of_view(fine_tables, view, row, column, size, count, least, look, room)
+                    best = max(best, most)
     return best
+
+
+@inner
+def _most_of_view(
+    fine_tables: Any, view: Any, row: Any, column: Any, size: Any, count: Any, needed: Any, look: Any, room: Any
+) -> Any:
+    """The largest sum of both that a view may reach in a block, for whose offsets ``room.spread`` is there; 0
+    if it is less than what is needed. The ``count`` fine places are there, too."""
+    zero, lane = np.int64(0), U(view % LANES)
+    move = 2 * STEP * row + (MOVED - 2 * STEP * column) * fine_tables.across
+    clear(room.block)
+    add_masks((fine_tables.rows[view], move), room.fine_rows, zero, count // LANES, room.block, zero)
+    reached = fold(room.block, room.spread, lane, max(needed, zero), room.total)
+    if not some(reached & every(OF_A_BLOCK)):
+        return zero
+    if look.tight:
+        if not room.drawn[0]:
+            fine_bitmaps(room.x, room.y, size, look.fine, room.places)
+            room.drawn[0] = True
+        cells = fine_tables.cells[view]
+        move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
+        add_masks((look.fine.windows, move), cells, zero, len(cells), room.block, zero)
+        fold(room.block, room.nothing, lane, zero, room.total)
+    return largest(room.total, OF_A_BLOCK)
 
 
 @inner
@@ -286,13 +311,3 @@ def _add_both(tables: Any, g: Any, needed: Any, scratch: Any, there: Any, room: 
     _add_coarse(tables, g, scratch.windows, room.here)
     add_sums(there, room.here, room.total)
     return at_least(room.total, max(np.int64(needed) - tables.far, np.int64(0)))
-
-
-@inner
-def _add_fine(fine_tables: Any, g: Any, row: Any, column: Any, scratch: Any, room: Any) -> Any:
-    """Adds the fine sums of the query's keypoints in a block to ``room.block``, the map being drawn; returns
-    the largest."""
-    cells, zero = fine_tables.cells[g], np.int64(0)
-    move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row
-    add_masks((scratch.windows, move), cells, zero, len(cells), room.block, zero)
-    return largest(room.block, OF_A_BLOCK)

@@ -24,8 +24,7 @@ SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is need
 AROUND = 32  # and of those on either side of the best, which one drive has often made of one place; the second
 FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
-TRIED = 3  # times as many documents as looked for are scored in a step, and
-TRIED_OF_PARTS = 4  # times in all parts of a whole together, as the best lie unevenly in them
+TRIED = 3  # times as many documents as looked for are scored in a step, in all parts of a whole together
 # Documents in a part, at least: to begin one takes as long as some of them take,
 GLANCE = 1024  # by the sieve or to guess their scores,
 LOOK = 256  # for a bound,
@@ -63,7 +62,7 @@ class Promising:
     @property
     def tried(self) -> int:
         """How many of those that promise most are scored in a step."""
-        return TRIED * self.top if self.parts == 1 else -(-TRIED_OF_PARTS * self.top // self.parts)
+        return -(-TRIED * self.top // self.parts)
 
     @property
     def best(self) -> Floats:

@@ -26,8 +26,9 @@ from numba.core.runtime import rtsys
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).parents[1]
-LOADED_ALONE = ((0, 68),)  # versions of Numba in which compiled code needs nothing of the compiler
-UNCOUNTED = {"_nrt": False}  # compiled without Numba's counting of references to arrays
+KNOWN = numba.version_info.short in ((0, 68),)  # versions whose inner workings are relied upon for speed:
+# compiled code needs nothing of the compiler, and references to arrays need not be counted
+UNCOUNTED = {"_nrt": False} if KNOWN else {}
 COMPILED = ("description", "index/kernels", "mapping", "recognition", "saved_maps")  # have compiled functions
 
 
@@ -36,7 +37,7 @@ class KernelCache(FunctionCache):
     which takes a sixth of a command; compiling loads that."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        if numba.version_info.short not in LOADED_ALONE:
+        if not KNOWN:
             return super().load_overload(sig, target_context)
         rtsys.initialize(target_context)  # what machine code calls
         with self._guard_against_spurious_io_errors():

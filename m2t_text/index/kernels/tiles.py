@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bound_tables import FIRST, WINDOW
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.tile_tables import BEFORE, DIGITS, GROUPS, MIDDLE, SIDE, TILE
+from m2t_text.index.kernels.tile_tables import BEFORE, DIGITS, GROUPS, MIDDLE, SIDE, TILE, TileTables
 from m2t_text.index.kernels.unpacking import cells_of
 from m2t_text.index.kernels.wide import (
+    LANES,
     WORDS,
     added,
     byte_of,
+    bytes_at,
     every_byte,
     lowest,
     no_words,
@@ -152,9 +154,36 @@ def _order(entries: Any, begin: Any, end: Any, count: Any, places: Any, ordered:
         entries[k] = ordered[k - begin]
 
 
+def _amounts() -> NDArray[np.uint8]:
+    """(2 FULL, LANES) how many keypoints an entry counts, in all lanes; in the second half half as many.
+
+    Rows lie where lines of the processor's cache begin: across two of them a row takes longer to load than to
+    make of a number.
+    """
+    room = np.empty((2 * FULL + 1) * LANES, dtype=np.uint8)
+    begin = -room.ctypes.data % LANES
+    rows = room[begin : begin + 2 * FULL * LANES].reshape(-1, LANES)
+    keypoints = np.arange(1, FULL + 1)[:, None]
+    rows[:FULL], rows[FULL:] = keypoints, keypoints // 2
+    return rows
+
+
+AMOUNTS = _amounts()
+
+
+def may_reach(
+    tiles: Tiles,
+    documents: NDArray[np.int64],
+    tables: TileTables,
+    needed: NDArray[np.int32],
+    result: NDArray[np.bool_],
+) -> None:
+    """Writes whether documents (K,) may have |Q'| + |M'| >= ``needed`` (K,) to ``result`` (K,)."""
+    _may_reach(tiles, documents, tables, AMOUNTS, needed, result)
+
+
 @kernel
-def may_reach(tiles: Any, documents: Any, tables: Any, needed: Any, result: Any) -> None:
-    """Writes whether documents (K,) may have |Q'| + |M'| >= ``needed`` (K,) to ``result`` (K,) bool."""
+def _may_reach(tiles: Any, documents: Any, tables: Any, amounts: Any, needed: Any, result: Any) -> None:
     for k in range(len(documents)):
         document = documents[k]
         size = np.int64(tiles.sizes[document])
@@ -162,27 +191,27 @@ def may_reach(tiles: Any, documents: Any, tables: Any, needed: Any, result: Any)
         shift = U(0) if spare < 255 else U(1)
         result[k] = spare >= 0
         if 0 <= spare < 510:
-            result[k] = False
+            result[k], others = False, np.int64(needed[k]) - size
             for g in range(U(len(tables.missed))):
-                if _group_may_reach(tiles, document, tables, g, shift, U(spare), np.int64(needed[k]) - size):
+                if _group_may_reach(tiles, document, tables, g, amounts, shift, U(spare), others):
                     result[k] = True
                     break
 
 
 @inner
 def _group_may_reach(
-    tiles: Any, document: Any, tables: Any, g: Any, shift: Any, spare: Any, needed: Any
+    tiles: Any, document: Any, tables: Any, g: Any, amounts: Any, shift: Any, spare: Any, needed: Any
 ) -> Any:
     """Whether |Q'| less the map's keypoints that are missed may be what is needed, in any lane."""
     missed, entries = every_byte(U(0)), tiles.entries
     place, end = U(tiles.starts[document]), U(tiles.starts[document + 1])
-    table, limit = tables.missed[g], spare >> shift
+    table, limit, half = tables.missed[g], spare >> shift, U(FULL) * shift
     lanes = ~U(0)
     while place < end and lanes:
         stop = min(place + U(STOP), end)
         while place < stop:
             entry = U(entries[place])
-            keypoints = every_byte(((entry & U(63)) + U(1)) >> shift)
+            keypoints = bytes_at(amounts, half + (entry & U(FULL - 1)))
             missed = added(missed, keypoints, table[entry >> U(6)])
             place += U(1)
         lanes = up_to(missed, limit)

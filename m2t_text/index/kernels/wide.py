@@ -64,6 +64,18 @@ def every_byte(typing: Any, value: Any) -> Any:
 
 
 @intrinsic
+def bytes_at(typing: Any, array: Any, row: Any) -> Any:
+    """A row of a C-contiguous (N, LANES) uint8 array."""
+
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        pointer = builder.gep(data, [builder.mul(arguments[1], WORD(LANES))])
+        return builder.load(builder.bitcast(pointer, BYTES.as_pointer()), align=1)
+
+    return wide_bytes(array, types.uint64), load
+
+
+@intrinsic
 def added(typing: Any, a: Any, b: Any, lanes: Any) -> Any:
     """The sum of two bytes in each lane whose bit is set, 255 if it is more; the first one in the others."""
 

@@ -68,12 +68,16 @@ class Survey:
 
     def part(self, begin: int, end: int) -> "Survey":
         """The scans from ``begin`` to before ``end``; travel is counted as before."""
+        found = self.cut(begin, end, self.trajectory[begin:end])
+        return found.counted(self.way[begin:end], self.moved[begin:end])
+
+    def cut(self, begin: int, end: int, trajectory: Floats) -> "Survey":
+        """The scans from ``begin`` to before ``end`` with a trajectory (end - begin, 3) of their own."""
         points = self.points[self.starts[begin] : self.starts[end]]
         starts = self.starts[begin : end + 1] - self.starts[begin]
         cuts = self.cuts[(self.cuts > begin) & (self.cuts < end)] - begin
         beams = None if self.beams is None else self.beams.part(begin, end)
-        found = Survey(points, starts, self.trajectory[begin:end], cuts, beams)
-        return found.counted(self.way[begin:end], self.moved[begin:end])
+        return Survey(points, starts, trajectory, cuts, beams)
 
     @cached_property
     def drive_ends(self) -> NDArray[np.int64]:

@@ -69,8 +69,9 @@ class Matching:
         self.travel = 0.0
         self._log, self._run_length, self._spacing = log, parameters.run_length, spacing
         self._progress = progress or (lambda done, of: None)
-        self._points, self._starts = hits(log, parameters.range_limit)
-        self._beams = Beams.of(log, parameters.range_limit)
+        points, starts = hits(log, parameters.range_limit)
+        beams = Beams.of(log, parameters.range_limit)
+        self._scans = Survey(points, starts, np.empty((0, 3)), log.cuts, beams)  # all; their poses come later
         self._poses: list[Floats] = []
         self._way: list[float] = []
         self._moved: list[bool] = []
@@ -98,13 +99,10 @@ class Matching:
 
     def _survey(self, begin: int) -> Survey:
         """Of the scans that were matched, from one on."""
-        end = len(self._poses)
-        trajectory, way = np.array(self._poses[begin:]).reshape(-1, 3), np.array(self._way[begin:])
+        trajectory = np.array(self._poses[begin:]).reshape(-1, 3)
         moved = np.array(self._moved[begin:], dtype=np.bool_)
-        points = self._points[self._starts[begin] : self._starts[end]]
-        starts = self._starts[begin : end + 1] - self._starts[begin]
-        cuts = self._log.cuts[(self._log.cuts > begin) & (self._log.cuts < end)] - begin
-        return Survey(points, starts, trajectory, cuts, self._beams.part(begin, end)).counted(way, moved)
+        found = self._scans.cut(begin, len(self._poses), trajectory)
+        return found.counted(np.array(self._way[begin:]), moved)
 
     def _complete(self, survey: Survey, starts: Ints) -> Ints:
         """Which of the runs have all of their scans, be it that more follow."""

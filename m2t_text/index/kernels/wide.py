@@ -53,6 +53,14 @@ def _spread(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(first, first, places)
 
 
+def _row(context: Any, builder: Any, signature: Any, arguments: Any, kind: Any) -> Any:
+    """A row of an array (N, as many as the kind has); rows may lie anywhere that their numbers do."""
+    array, number = arguments
+    data = context.make_array(signature.args[0])(context, builder, array).data
+    pointer = builder.gep(data, [builder.mul(number, WORD(kind.count))])
+    return builder.load(builder.bitcast(pointer, kind.as_pointer()), align=kind.element.width // 8)
+
+
 @intrinsic
 def every_byte(typing: Any, value: Any) -> Any:
     """The same byte in all lanes."""
@@ -68,9 +76,7 @@ def bytes_at(typing: Any, array: Any, row: Any) -> Any:
     """A row of a C-contiguous (N, LANES) uint8 array."""
 
     def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        pointer = builder.gep(data, [builder.mul(arguments[1], WORD(LANES))])
-        return builder.load(builder.bitcast(pointer, BYTES.as_pointer()), align=1)
+        return _row(context, builder, signature, arguments, BYTES)
 
     return wide_bytes(array, types.uint64), load
 
@@ -122,9 +128,7 @@ def words_at(typing: Any, array: Any, row: Any) -> Any:
     """A row of a C-contiguous (N, WORDS) uint64 array."""
 
     def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        pointer = builder.gep(data, [builder.mul(arguments[1], WORD(WORDS))])
-        return builder.load(builder.bitcast(pointer, ROW.as_pointer()), align=8)
+        return _row(context, builder, signature, arguments, ROW)
 
     return wide_words(array, types.uint64), load
 

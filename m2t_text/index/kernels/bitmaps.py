@@ -78,7 +78,7 @@ class Scratch(NamedTuple):
 
 
 COARSE, FINE = BitGrid(strips=4, step=3, ahead=0), BitGrid(strips=10, step=1, ahead=1)
-COARSE_SIDE, FINE_SIDE = COARSE.side, FINE.side
+FINE_SIDE = FINE.side
 
 
 @inner
@@ -123,43 +123,25 @@ def _mark(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
 
 
 @inner
-def coarse_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
-    """Makes the windows of a map in which a group of the query's keypoints in cell g is looked up.
+def draw(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
+    """Makes the windows of a map in which the query's keypoints in a cell g of the grid are looked up.
 
-    Cell g covers keypoints in g and g + 1, and in the first third of g + 2, in x and in y alike: where a
-    keypoint in g may come to lie under the offsets of a step, and a cell more on each side. The ``places``
-    (>= size,) uint32 are room to work in.
+    Cell g covers keypoints in g and g + 1, and in the first column or row of g + 2, in x and in y alike. On the
+    coarse grid that is where a keypoint in g may come to lie under the offsets of a step, and a cell more on
+    each side. On the fine one, whose cells are single ones of a map, it is all of the three cells, and as
+    keypoints are moved on by a cell, those in g or next to it. The ``places`` (>= size,) uint32 are room to
+    work in.
     """
     _mark(x, y, size, scratch, places)
-    taken, drawn, nothing = scratch.taken, scratch.drawn, every(U(0))
+    taken, drawn, nothing, side = scratch.taken, scratch.drawn, every(U(0)), U(STRIP * scratch.strips)
     for strip in range(U(drawn[2]), U(drawn[3])):
         window, above, second_above = nothing, nothing, nothing
         for k in range(U(drawn[1] - drawn[0])):  # from the last row on
-            place = (U(drawn[1]) - U(1) - k) * U(COARSE_SIDE) + U(STRIP) * strip
+            place = (U(drawn[1]) - U(1) - k) * side + U(STRIP) * strip
             two, third = strip_at(taken, place) | strip_at(taken, place + U(1)), strip_at(taken, place + U(2))
             row = (two | third >> every(U(2))) & every(TWOS)
             near = (row | above | second_above >> every(U(1))) & every(ONES)
             window = (window + window) & every(ROWS_ABOVE) | near
-            put_strip(scratch.windows, place, window)
-            put_strip(taken, place, nothing)
-            above, second_above = row, above
-
-
-@inner
-def fine_bitmaps(x: Any, y: Any, size: Any, scratch: Any, places: Any) -> None:
-    """Makes the windows of a map in which a keypoint of the query is looked up.
-
-    A cell is taken if a keypoint lies in it or next to it. As keypoints are moved on by a cell, these are the
-    cells from it on. The ``places`` are as above.
-    """
-    _mark(x, y, size, scratch, places)
-    taken, drawn, nothing = scratch.taken, scratch.drawn, every(U(0))
-    for strip in range(U(drawn[2]), U(drawn[3])):
-        window, above, second_above = nothing, nothing, nothing
-        for k in range(U(drawn[1] - drawn[0])):
-            place = (U(drawn[1]) - U(1) - k) * U(FINE_SIDE) + U(STRIP) * strip
-            row = strip_at(taken, place) | strip_at(taken, place + U(1)) | strip_at(taken, place + U(2))
-            window = (window + window) & every(ROWS_ABOVE) | (row | above | second_above) & every(ONES)
             put_strip(scratch.windows, place, window)
             put_strip(taken, place, nothing)
             above, second_above = row, above

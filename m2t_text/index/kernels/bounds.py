@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bit_sums import INNER, add_masks, add_sums, at_least, clear, fold, largest
-from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, coarse_bitmaps, fine_bitmaps
+from m2t_text.index.kernels.bitmaps import FINE_SIDE, Scratch, draw
 from m2t_text.index.kernels.bound_tables import FIRST, MOVED, STEP, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.simd import LANES, at, by_lane, every, full, put, some
@@ -244,7 +244,7 @@ def _bounds(
                 room.promising[g] = some(at_least(sums[g], others))
                 hope = hope or room.promising[g]
         if hope:
-            coarse_bitmaps(x, y, size, look.coarse, places)
+            draw(x, y, size, look.coarse, places)
             room.drawn[0] = False
             count = _fine_places(x, y, size, fine_tables, room.fine_places)
             for g in range(len(tables.cells)):
@@ -294,7 +294,7 @@ def _most_of_view(
         return zero
     if look.tight:
         if not room.drawn[0]:
-            fine_bitmaps(room.x, room.y, size, look.fine, room.places)
+            draw(room.x, room.y, size, look.fine, room.places)
             room.drawn[0] = True
         cells = fine_tables.cells[view]
         move = (FIRST + 2 * STEP * column) * FINE_SIDE + FIRST + 2 * STEP * row

@@ -17,7 +17,7 @@ from m2t_text.logs import Log
 from m2t_text.recognition.earlier import Earlier, distances, earlier_maps, indexed_before
 from m2t_text.sources.opening import SourceOptions, is_source, open_log, open_source
 from m2t_text.util.files import is_file
-from m2t_text.util.names import CLOUDS, SAVED_MAPS
+from m2t_text.util.names import CLOUDS, is_saved_map
 
 RUN = re.compile(r"(?P<log>.+)(?P<kind>[@#])(?P<number>[^@#/]*)", re.DOTALL)
 MAP_ID = re.compile(r"(?P<dataset>.+)/(?P<number>[0-9]+)", re.DOTALL)
@@ -282,7 +282,7 @@ def _parsed(contents: bytes, where: str) -> Text:
 
 def _unknown(target: str, context: Context) -> str:
     """Why a string names nothing, and what to try."""
-    if Path(target).suffix.lower() in SAVED_MAPS and is_file(Path(target)):
+    if is_saved_map(Path(target)) and is_file(Path(target)):
         return f"{target!r} is a whole map; index it, and name one of its local maps, or look up a log in it"
     if is_source(Path(target)):
         return f"{target!r} is a whole log; name a run of it, as {target}@12.5 (metres) or {target}#40 (scan)"

@@ -20,6 +20,11 @@ def known_endings() -> str:
     return ", ".join(ENDINGS)
 
 
+def is_saved_map(path: Path) -> bool:
+    """Whether it is named as the description of a map that another program drew."""
+    return path.suffix.lower() in SAVED_MAPS
+
+
 def is_bag(path: Path) -> bool:
     """Whether it is named as a ROS bag, or is the folder of one, or of the files of one."""
     if is_folder(path):

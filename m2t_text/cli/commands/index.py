@@ -12,7 +12,7 @@ from m2t_text.cli.opening import ClusterOption, local_address, opened
 from m2t_text.cli.options import DEFAULT_INDEX, IndexOption, reads_logs
 from m2t_text.config import PROFILES, parameters_of
 from m2t_text.util.files import check_folder
-from m2t_text.util.names import SAVED_MAPS
+from m2t_text.util.names import is_saved_map
 from m2t_text.util.workers import cores
 
 if TYPE_CHECKING:
@@ -134,8 +134,8 @@ def index(
 
     parameters = parameters_of(profile or "default")
     compile_beside([*Group.of_search(parameters.matching.score), Group.SIEVING])
-    sampled = any(source.suffix.lower() in SAVED_MAPS for source in sources)
-    compile_first([Group.DESCRIBING, Group.MAPPING] if sampled else [Group.DESCRIBING])
+    mapping = [Group.MAPPING] if any(map(is_saved_map, sources)) else []
+    compile_first([Group.DESCRIBING, *mapping])
     with bars() as progress:
         report = _indexed(
             IndexRequest(sources, index, profile, cores(jobs), reading), shards, cluster, progress

@@ -13,7 +13,7 @@ from typing import Any
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.errors import M2TError, QueryError, SourceError
-from m2t_text.util.names import ENDINGS, SAVED_MAPS, dataset_name
+from m2t_text.util.names import ENDINGS, dataset_name, is_saved_map
 from m2t_text.web.naming import UPLOAD
 from m2t_text.web.uploads.drives import from_message, image_from_message
 from m2t_text.web.uploads.parsing import Job, check_image
@@ -185,7 +185,7 @@ class Uploads:
 
         Raises MapFileError if it is a saved map that names what cannot be sent.
         """
-        if upload.path.suffix.lower() in SAVED_MAPS:
+        if is_saved_map(upload.path):
             image = check_image(upload.path)
             if not image.exists():
                 upload.set(state=WAITING, needs=image.name)

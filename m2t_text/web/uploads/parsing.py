@@ -26,7 +26,7 @@ from m2t_text.saved_maps.header import read_header
 from m2t_text.sources.indexing import IndexRequest, index_sources
 from m2t_text.sources.opening import LogSource, SourceOptions, open_source
 from m2t_text.sources.saved_map import SavedMap
-from m2t_text.util.names import SAVED_MAPS
+from m2t_text.util.names import is_saved_map
 from m2t_text.util.types import StageProgress
 from m2t_text.web.uploads.drives import described_places, image_to_json, to_json
 from m2t_text.web.walls import drawn_image
@@ -163,7 +163,7 @@ def check_image(path: Path) -> Path:
 
 
 def _describe(job: Job, send: Send) -> None:
-    if job.path.suffix.lower() in SAVED_MAPS:
+    if is_saved_map(job.path):
         check_image(job.path)
     progress = _progress(send)
     source = open_source(job.path, SourceOptions(job.name), partial(progress, "reading"))

@@ -72,40 +72,35 @@ class Matching:
         points, starts = hits(log, parameters.range_limit)
         beams = Beams.of(log, parameters.range_limit)
         self._scans = Survey(points, starts, np.empty((0, 3)), log.cuts, beams)  # all; their poses come later
-        self._poses: list[Floats] = []
-        self._way: list[float] = []
-        self._moved: list[bool] = []
 
     def parts(self) -> Iterator[Part]:
         """All parts, in their order; together they have the runs of `run_starts`."""
         odometer, begin, after = Odometer(), 0, 0.0  # the next run begins not before this scan and travel
-        for pose in refined_poses(self._log):
-            self.travel, moved = odometer.add(pose)
-            self._poses.append(pose)
-            self._way.append(self.travel)
-            self._moved.append(moved)
-            done, scans = len(self._poses), len(self._log.scans)
+        scans = len(self._log.scans)
+        poses: list[Floats] = []  # of the scans from there on, as all that follows
+        way: list[float] = []
+        moved: list[bool] = []
+        for done, pose in enumerate(refined_poses(self._log), start=1):
+            self.travel, moves = odometer.add(pose)
+            poses.append(pose)
+            way.append(self.travel)
+            moved.append(moves)
             self._progress(done, scans)
-            far = self.travel - self._way[begin] >= self._run_length
+            far = self.travel - way[0] >= self._run_length
             if done == scans or (far and done % RUNS == 0):
-                survey = self._survey(begin)
+                survey = self._scans.cut(begin, done, np.array(poses))
+                survey = survey.counted(np.array(way), np.array(moved))
                 starts = run_starts(survey, self._run_length, self._spacing, after)
                 if done < scans:
                     starts = starts[self._complete(survey, starts)]
                 yield from parts_of(survey, starts, self._run_length, begin)
                 if len(starts):
-                    after = survey.way[starts[-1]] + self._spacing
-                    begin += int(starts[-1]) + 1
-
-    def _survey(self, begin: int) -> Survey:
-        """Of the scans that were matched, from one on."""
-        trajectory = np.array(self._poses[begin:]).reshape(-1, 3)
-        moved = np.array(self._moved[begin:], dtype=np.bool_)
-        found = self._scans.cut(begin, len(self._poses), trajectory)
-        return found.counted(np.array(self._way[begin:]), moved)
+                    after, gone = way[starts[-1]] + self._spacing, int(starts[-1]) + 1
+                    begin += gone
+                    del poses[:gone], way[:gone], moved[:gone]
 
     def _complete(self, survey: Survey, starts: Ints) -> Ints:
-        """Which of the runs have all of their scans, be it that more follow."""
+        """Which of the runs have all their scans, whatever comes after these."""
         ends, scans = survey.drive_ends[starts], len(survey.trajectory)
         reached = survey.way[ends] >= survey.way[starts] + self._run_length
         return np.flatnonzero(reached | (ends < scans - 1))

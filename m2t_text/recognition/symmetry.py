@@ -30,7 +30,7 @@ def other_poses(query: Raster, found: Raster, pose: Floats) -> list[Alignment]:
     What has fewer than one point in reach has no rivals. The agreement of an alignment is the share of the
     query's points that met.
     """
-    placed, fixed = _in_reach(transform(pose, query.points)), _in_reach(found.points)
+    placed, fixed = (points[_in_reach(points)] for points in (transform(pose, query.points), found.points))
     if not len(placed) or not len(fixed):
         return []
     centre = placed.mean(axis=0)
@@ -43,8 +43,9 @@ def other_poses(query: Raster, found: Raster, pose: Floats) -> list[Alignment]:
     return [one for one in others if _apart(one.pose, pose)]
 
 
-def _in_reach(points: Floats) -> Floats:
-    return points[(np.abs(points) < EXTENT).all(axis=1)]
+def _in_reach(points: Floats) -> NDArray[np.bool_]:
+    """(...) which points (..., 2) lie near enough to the viewpoint to be laid on anything."""
+    return np.asarray((np.abs(points) < EXTENT).all(axis=-1))
 
 
 def _apart(a: Floats, b: Floats) -> bool:
@@ -56,7 +57,7 @@ def meetings(fixed: Floats, moved: Floats) -> tuple[NDArray[np.int64], Floats]:
     under any shift, and (T, 2) that shift in x and in y, metres. The first set is not left where it is."""
     image, corner = _image(_cells(fixed))
     cells = _cells(moved)
-    inside = np.abs(moved).max(axis=2) < EXTENT
+    inside = _in_reach(moved)
     last = cells[inside].max(axis=0)
     back = last - cells  # a shift by so much more takes a point as far as that in the last cell
     span = back[inside].max(axis=0) + 1

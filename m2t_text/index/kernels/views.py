@@ -34,7 +34,8 @@ class Views:
 def views(text: Text, turns: tuple[int, ...], directions: int = 1) -> Views:
     """The query under all quarter ``turns`` of each of its likely directions, ``directions`` at most.
 
-    Ordered by direction, then by turn.
+    They are ordered by direction, then by turn.
+
     The planned direction is the first, and its turns map cells onto cells. Where the walls of a place run in
     several directions, a similar map may have been seen along another of them: those are found again from the
     text alone, and the keypoints are cut into cells anew.

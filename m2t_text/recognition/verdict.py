@@ -35,7 +35,7 @@ class Coefficients:
     lead: float  # the evidence by which the best rival is behind, which counts beside all of these
 
 
-# Printed by `make calibrate`, rounded.
+# Within 3 % of what `make calibrate` prints.
 WITH_FREE = Coefficients(5.91, 7.27, -20.21, -0.06, -12.47, 0.76)
 WITHOUT_FREE = Coefficients(8.68, 7.29, 0.0, 0.0, -15.68, 0.87)  # where a text does not tell what is free
 HOPELESS = -4.0  # odds by itself, on a logarithmic scale, below which nothing fits however much was seen

@@ -1,8 +1,10 @@
 """The node: a robot with a 2D laser finds itself in a saved map, without an initial pose."""
 
+import ctypes
 import json
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from typing import Any
 
@@ -34,6 +36,7 @@ LATCHED = QoSProfile(
 SENSORS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LOOK = 0.1  # s between two looks whether an answer is due
 SILENT = 2.0  # s without a scan from which on the diagnostics warn
+M_ARENA_MAX = -8  # mallopt's name for the number of heaps
 SEEN, SHOWN, ROBOT = (0.1, 0.8, 0.2), (0.9, 0.3, 0.1), (0.1, 0.3, 0.9)  # colours of the markers
 
 
@@ -287,8 +290,16 @@ class LocalizerNode(LifecycleNode):
         self._diagnostics.publish(DiagnosticArray(header=Header(stamp=now.to_msg()), status=[status]))
 
 
+def share_heap() -> None:
+    """Lets all threads share one heap, where the C library is GNU's: callbacks go from thread to thread, and
+    where each has a heap of its own, memory grows by up to 12 MB whenever one matches its first scan."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL("libc.so.6").mallopt(M_ARENA_MAX, 1)
+
+
 def main() -> None:
     """Runs the node until it is told to end."""
+    share_heap()
     rclpy.init(args=sys.argv)
     node = LocalizerNode()
     executor = MultiThreadedExecutor(num_threads=3)

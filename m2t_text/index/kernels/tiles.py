@@ -1,4 +1,4 @@
-"""A bound of the agreement that costs a tenth of the others: maps and query on tiles of six by six cells.
+"""Maps on tiles of six by six cells, on which `sieve` leaves most of them out.
 
 The offsets of the viewpoints, -11 to 12 in x and in y, fall into four by four groups of six by six. In each
 group a map's keypoint may lie near one of the query's only if its tile holds a cell that one of the query's
@@ -15,32 +15,29 @@ from numpy.typing import NDArray
 
 from m2t_text.index.kernels.bound_tables import FIRST, WINDOW
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.tile_tables import BEFORE, DIGITS, GROUPS, MIDDLE, SIDE, TILE, TileTables
+from m2t_text.index.kernels.tile_tables import BEFORE, GROUPS, MIDDLE, OUTSIDE, SIDE, TILE
 from m2t_text.index.kernels.unpacking import cells_of
-from m2t_text.index.kernels.wide import (
-    LANES,
-    WORDS,
-    added,
-    byte_of,
-    bytes_at,
-    every_byte,
-    lowest,
-    no_words,
-    sum_of,
-    twice_plus_common,
-    up_to,
-    words_at,
-)
+from m2t_text.index.kernels.wide import LANES, WORDS
 from m2t_text.util.compiling import inner, kernel
 
 U = np.uint64
 FULL = 64  # keypoints that an entry counts at most
-STOP = 16  # entries between two looks at whether a map can still reach what is needed
+WORD = 64  # bits
+RANKS = 64  # of entries
 ORIGIN = 6000 * TILE  # cells, added to make those of any map positive
 BEYOND = ORIGIN // TILE - MIDDLE  # tiles from where they begin to the grid
 
-assert SIDE * SIDE == 64 * WORDS
+assert SIDE * SIDE == WORD * WORDS and LANES == WORD == 2 * SIDE
 assert FIRST == -BEFORE * TILE + 1 and FIRST + GROUPS * TILE > WINDOW + 1
+
+
+def _distance() -> NDArray[np.int64]:
+    """(SIDE²,) of each tile from the viewpoint, in tiles."""
+    along = np.arange(SIDE) + 0.5 - MIDDLE
+    return np.rint(np.hypot(along[:, None], along)).astype(np.int64).ravel()
+
+
+DISTANCE = _distance()
 
 
 class Tiles(NamedTuple):
@@ -48,16 +45,19 @@ class Tiles(NamedTuple):
 
     Attributes:
         starts: (D + 1,) where each map's entries begin.
-        entries: (T,) uint16 tile * 64 + keypoints in it - 1; those with most keypoints first.
+        entries: (T,) uint16 tile * 64 + keypoints in it - 1; first those with many keypoints far out.
         sizes: (D,) int32 keypoints of each map, also those outside the grid.
         cover: (D, WORDS) uint64: whether there is a keypoint in the thirteen by thirteen cells from a tile on;
             bit SIDE · x + y of all.
+        bare: (⌈D / LANES⌉, OUTSIDE + 1) uint64: whether a tile and its next ones in x, in y and in both are all
+            without cover; a bit for each of LANES maps that follow each other. 0 if not all lie in the grid.
     """
 
     starts: NDArray[np.int64]
     entries: NDArray[np.uint16]
     sizes: NDArray[np.int32]
     cover: NDArray[np.uint64]
+    bare: NDArray[np.uint64]
 
     @classmethod
     def of(cls, texts: Texts, first: int, last: int) -> "Tiles":
@@ -68,16 +68,17 @@ class Tiles(NamedTuple):
         entries, lengths = np.empty(room, np.uint16), np.zeros(count, np.int64)
         sizes, cover = np.zeros(count, np.int32), np.zeros((count, SIDE), np.uint32)
         _fill(texts, documents, Room.of(largest), entries, lengths, sizes, cover)
-        starts = np.append(0, np.cumsum(lengths))
-        return cls(starts, entries[: starts[-1]].copy(), sizes, cover.astype("<u4", copy=False).view("<u8"))
+        starts, words = np.append(0, np.cumsum(lengths)), cover.astype("<u4", copy=False).view("<u8")
+        return cls(starts, entries[: starts[-1]].copy(), sizes, words, _bare(words))
 
     @classmethod
     def joined(cls, parts: "list[Tiles]") -> "Tiles":
         """Those of all parts, one after the other."""
         begins = np.cumsum([0, *(part.starts[-1] for part in parts)])
         starts = [part.starts[:-1] + begin for part, begin in zip(parts, begins[:-1], strict=True)]
-        rest = (np.concatenate([getattr(part, name) for part in parts]) for name in cls._fields[1:])
-        return cls(np.concatenate([*starts, begins[-1:]]), *rest)
+        names = ("entries", "sizes", "cover")
+        entries, sizes, cover = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        return cls(np.concatenate([*starts, begins[-1:]]), entries, sizes, cover, _bare(cover))
 
 
 class Room(NamedTuple):
@@ -99,7 +100,7 @@ class Room(NamedTuple):
     def of(cls, size: int) -> "Room":
         """Enough for maps of so many keypoints."""
         x, y = np.empty((2, size), np.int32)
-        tiles, places = np.zeros(SIDE * SIDE, np.int64), np.zeros(FULL + 1, np.int64)
+        tiles, places = np.zeros(SIDE * SIDE, np.int64), np.zeros(RANKS + 1, np.int64)
         return cls(x, y, tiles, places, np.empty(SIDE * SIDE, np.uint16))
 
 
@@ -133,100 +134,72 @@ def _fill(texts: Any, documents: Any, room: Any, entries: Any, lengths: Any, siz
 
 @inner
 def _order(entries: Any, begin: Any, end: Any, count: Any, places: Any, ordered: Any) -> None:
-    """Makes entries of tiles, those with most keypoints first, and clears the counts.
+    """Makes entries of tiles, and clears the counts.
 
-    Tiles with more keypoints than an entry counts are cut to that: the rest lie near one of the query's. The
-    ``places`` (FULL + 1,) int64 and ``ordered`` (SIDE²,) uint16 are room to work in.
+    What is farther from the viewpoint is missed more often, about in proportion, so tiles come in the order of
+    their keypoints times their distance. Those with more keypoints than an entry counts are cut to that: the
+    rest lie near one of the query's. The ``places`` (RANKS + 1,) int64 and ``ordered`` (SIDE²,) uint16 are room
+    to work in.
     """
-    for keypoints in range(FULL + 1):
-        places[keypoints] = 0
+    for rank in range(RANKS + 1):
+        places[rank] = 0
     for k in range(begin, end):
-        places[FULL - min(count[entries[k]], FULL) + 1] += 1  # behind which place those with fewer begin
-    for keypoints in range(FULL):
-        places[keypoints + 1] += places[keypoints]
+        places[_rank(entries[k], count) + 1] += 1  # behind which place those of a later rank begin
+    for rank in range(RANKS):
+        places[rank + 1] += places[rank]
     for k in range(begin, end):
         tile = U(entries[k])
-        keypoints = min(count[tile], FULL)
-        ordered[places[FULL - keypoints]] = tile * U(FULL) + U(keypoints - 1)
-        places[FULL - keypoints] += 1
-        count[tile] = 0
+        rank = _rank(tile, count)
+        ordered[places[rank]] = tile * U(FULL) + U(min(count[tile], FULL) - 1)
+        places[rank] += 1
     for k in range(begin, end):
+        count[entries[k]] = 0
         entries[k] = ordered[k - begin]
 
 
-def _amounts() -> NDArray[np.uint8]:
-    """(2 FULL, LANES) how many keypoints an entry counts, in all lanes; in the second half half as many.
-
-    Rows lie where lines of the processor's cache begin: across two of them a row takes longer to load than to
-    make of a number.
-    """
-    room = np.empty((2 * FULL + 1) * LANES, dtype=np.uint8)
-    begin = -room.ctypes.data % LANES
-    rows = room[begin : begin + 2 * FULL * LANES].reshape(-1, LANES)
-    keypoints = np.arange(1, FULL + 1)[:, None]
-    rows[:FULL], rows[FULL:] = keypoints, keypoints // 2
-    return rows
+@inner
+def _rank(tile: Any, count: Any) -> Any:
+    """A rank of a tile, 0 for those that are worth most."""
+    return RANKS - 1 - min(min(count[tile], FULL) * DISTANCE[tile] // 2, RANKS - 1)
 
 
-AMOUNTS = _amounts()
-
-
-def may_reach(
-    tiles: Tiles,
-    documents: NDArray[np.int64],
-    tables: TileTables,
-    needed: NDArray[np.int32],
-    result: NDArray[np.bool_],
-) -> None:
-    """Writes whether documents (K,) may have |Q'| + |M'| >= ``needed`` (K,) to ``result`` (K,)."""
-    _may_reach(tiles, documents, tables, AMOUNTS, needed, result)
+def _bare(cover: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """See `Tiles`."""
+    bare = np.zeros((-(-len(cover) // LANES), OUTSIDE + 1), dtype=np.uint64)
+    _turn(cover, bare, np.empty(LANES, dtype=np.uint64))
+    return bare
 
 
 @kernel
-def _may_reach(tiles: Any, documents: Any, tables: Any, amounts: Any, needed: Any, result: Any) -> None:
-    for k in range(len(documents)):
-        document = documents[k]
-        size = np.int64(tiles.sizes[document])
-        spare = size + tables.size - needed[k]  # keypoints that may be missed
-        shift = U(0) if spare < 255 else U(1)
-        result[k] = spare >= 0
-        if 0 <= spare < 510:
-            result[k], others = False, np.int64(needed[k]) - size
-            for g in range(U(len(tables.missed))):
-                if _group_may_reach(tiles, document, tables, g, amounts, shift, U(spare), others):
-                    result[k] = True
-                    break
+def _turn(cover: Any, bare: Any, rows: Any) -> None:
+    """Fills in what is bare, with the maps of a block as bits of a word."""
+    for block in range(len(bare)):
+        maps = min(len(cover) - LANES * block, LANES)
+        for word in range(WORDS):
+            for k in range(LANES):
+                rows[k] = _squares(cover[LANES * block + k], word) if k < maps else ~U(0)
+            _transpose(rows)
+            for tile in range(WORD):
+                bare[block, WORD * word + tile] = ~rows[tile]
 
 
 @inner
-def _group_may_reach(
-    tiles: Any, document: Any, tables: Any, g: Any, amounts: Any, shift: Any, spare: Any, needed: Any
-) -> Any:
-    """Whether |Q'| less the map's keypoints that are missed may be what is needed, in any lane."""
-    missed, entries = every_byte(U(0)), tiles.entries
-    place, end = U(tiles.starts[document]), U(tiles.starts[document + 1])
-    table, limit, half = tables.missed[g], spare >> shift, U(FULL) * shift
-    lanes = ~U(0)
-    while place < end and lanes:
-        stop = min(place + U(STOP), end)
-        while place < stop:
-            entry = U(entries[place])
-            keypoints = bytes_at(amounts, half + (entry & U(FULL - 1)))
-            missed = added(missed, keypoints, table[entry >> U(6)])
-            place += U(1)
-        lanes = up_to(missed, limit)
-    counts, beyond, low = tables.counts[g], tables.beyond[g], tables.low[g]
-    cover = words_at(tiles.cover, U(document))
-    while lanes:
-        lane = lowest(lanes)
-        lanes &= lanes - U(1)
-        others = needed + np.int64(byte_of(missed, lane) << shift)
-        row = lane * U(DIGITS)
-        covered = twice_plus_common(no_words(), words_at(counts, row), cover)
-        covered = twice_plus_common(covered, words_at(counts, row + U(1)), cover)
-        if 4 * np.int64(sum_of(covered)) + low[lane] >= others:  # as few do, even with all of the lower digits
-            covered = twice_plus_common(covered, words_at(counts, row + U(2)), cover)
-            covered = twice_plus_common(covered, words_at(counts, row + U(3)), cover)
-            if np.int64(sum_of(covered)) + beyond[lane] >= others:
-                return True
-    return False
+def _squares(cover: Any, word: Any) -> Any:
+    """A word of a map's cover in which a tile also has the bits of its next ones; those beyond are covered."""
+    following = cover[word + 1] if word < WORDS - 1 else ~U(0)
+    both = cover[word] | (cover[word] >> U(SIDE)) | (following << U(SIDE))
+    return both | (both >> U(1)) | U(1 << (SIDE - 1)) | U(1 << (WORD - 1))
+
+
+@inner
+def _transpose(rows: Any) -> None:
+    """Transposes (64,) words as 64 by 64 bits: halves of halves change places."""
+    width, mask = U(32), U(0xFFFFFFFF)
+    while width:
+        for k in range(U(WORD)):
+            if not k & width:
+                change = ((rows[k] >> width) ^ rows[k + width]) & mask
+                rows[k] ^= change << width
+                rows[k + width] ^= change
+        width >>= U(1)
+        mask ^= mask << width

@@ -53,12 +53,17 @@ def _spread(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(first, first, places)
 
 
-def _row(context: Any, builder: Any, signature: Any, arguments: Any, kind: Any) -> Any:
-    """A row of an array (N, as many as the kind has); rows may lie anywhere that their numbers do."""
+def _place(context: Any, builder: Any, signature: Any, arguments: Any, kind: Any) -> Any:
+    """Where a row of an array (N, as many as the kind has) lies: anywhere that its numbers may."""
     array, number = arguments
     data = context.make_array(signature.args[0])(context, builder, array).data
-    pointer = builder.gep(data, [builder.mul(number, WORD(kind.count))])
-    return builder.load(builder.bitcast(pointer, kind.as_pointer()), align=kind.element.width // 8)
+    return builder.bitcast(builder.gep(data, [builder.mul(number, WORD(kind.count))]), kind.as_pointer())
+
+
+def _row(context: Any, builder: Any, signature: Any, arguments: Any, kind: Any) -> Any:
+    """Such a row."""
+    pointer = _place(context, builder, signature, arguments, kind)
+    return builder.load(pointer, align=kind.element.width // 8)
 
 
 @intrinsic
@@ -79,6 +84,68 @@ def bytes_at(typing: Any, array: Any, row: Any) -> Any:
         return _row(context, builder, signature, arguments, BYTES)
 
     return wide_bytes(array, types.uint64), load
+
+
+@intrinsic
+def quads_at(typing: Any, array: Any, place: Any) -> Any:
+    """The bytes of all quads, of such an array without rows: each byte in the four lanes of its quad."""
+
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        quads = ir.VectorType(BYTE, LANES // 4)
+        pointer = _place(context, builder, signature, arguments, quads)
+        loaded = builder.load(pointer, align=1)
+        order = [4 * (lane // 16) + 2 * (lane // 8 % 2) + lane // 2 % 2 for lane in range(LANES)]
+        return builder.shuffle_vector(loaded, loaded, ir.Constant(ir.VectorType(ir.IntType(32), LANES), order))
+
+    return wide_bytes(array, types.uint64), load
+
+
+@intrinsic
+def put_bytes(typing: Any, array: Any, row: Any, value: Any) -> Any:
+    """Writes a row of such an array."""
+
+    def store(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = _place(context, builder, signature, arguments[:2], BYTES)
+        builder.store(arguments[2], pointer, align=1)
+        return context.get_dummy_value()
+
+    return types.void(array, types.uint64, wide_bytes), store
+
+
+def _mixed(builder: Any, arguments: Any, first: int) -> Any:
+    """The lanes of two in turns, from one on."""
+    order = [first + lane // 2 + LANES * (lane % 2) for lane in range(LANES)]
+    return builder.shuffle_vector(*arguments, ir.Constant(ir.VectorType(ir.IntType(32), LANES), order))
+
+
+@intrinsic
+def first_halves(typing: Any, a: Any, b: Any) -> Any:
+    """The first half of both, a lane of each in turns."""
+
+    def mix(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _mixed(builder, arguments, 0)
+
+    return wide_bytes(wide_bytes, wide_bytes), mix
+
+
+@intrinsic
+def second_halves(typing: Any, a: Any, b: Any) -> Any:
+    """The second half of both, a lane of each in turns."""
+
+    def mix(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _mixed(builder, arguments, LANES // 2)
+
+    return wide_bytes(wide_bytes, wide_bytes), mix
+
+
+@intrinsic
+def shifted(typing: Any, value: Any, places: Any) -> Any:
+    """Each byte shifted down by so many bits."""
+
+    def shift(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.lshr(arguments[0], _spread(builder, arguments[1]))
+
+    return wide_bytes(wide_bytes, types.uint64), shift
 
 
 @intrinsic
@@ -121,6 +188,22 @@ def _called(builder: Any, name: str, result: Any, argument: Any) -> Any:
     """What a function of LLVM's own returns."""
     kind = ir.FunctionType(result, [argument.type])
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [argument])
+
+
+@intrinsic
+def fetch(typing: Any, array: Any, place: Any) -> Any:
+    """Has the line of the processor's cache loaded that a number of an array lies in, and does not wait."""
+
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), BYTE.as_pointer())
+        number = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, number, number, number])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [pointer, number(0), number(3), number(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.uint64), load
 
 
 @intrinsic

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.description.text import WORDS, Text
-from m2t_text.index.kernels import agreement, bounds, intersection, tiles
+from m2t_text.index.kernels import agreement, bounds, intersection, sieve
 from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.bound_tables import WINDOW, CoarseTables, FineTables
 from m2t_text.index.kernels.packed import Texts
@@ -162,7 +162,7 @@ class AgreementScorer:
 
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
         reaching, needed = np.ones(len(documents), dtype=np.bool_), self._needed(name, documents, threshold)
-        tiles.may_reach(self._whole.tiles[name], documents, self._query.tiles, needed, reaching)
+        sieve.may_reach(self._whole.tiles[name], documents, self._query.tiles, needed, reaching)
         return reaching
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:

@@ -1,4 +1,4 @@
-"""The quick bound: no map that reaches what is needed is left out, by its definition and against scores."""
+"""The sieve: no map that reaches what is needed is left out, by its definition and against scores."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,9 @@ from map_oracle import random_text
 from m2t_text.description.text import Text
 from m2t_text.index.kernels import agreement
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.tile_tables import MIDDLE, SIDE, TILE, TileTables
-from m2t_text.index.kernels.tiles import FULL, Tiles, may_reach
+from m2t_text.index.kernels.sieve import FEW, may_reach
+from m2t_text.index.kernels.tile_tables import MIDDLE, OUTSIDE, SIDE, TILE, TileTables
+from m2t_text.index.kernels.tiles import FULL, Tiles
 from m2t_text.index.kernels.views import views
 
 
@@ -70,15 +71,18 @@ def test_it_is_as_tight_as_by_its_definition(span):
     query = random_text(rng, 60, span=span)
     maps = [random_text(rng, int(rng.integers(20, 60)), span=span) for _ in range(5)]
     maps.append(query.moved([0.4, -0.7, 0.0], 0.1))
-    seen, tiles, documents = views(query, (0, 1, 2, 3), 2), Tiles.of(Texts.of(maps), 0, 6), np.arange(6)
+    seen, tiles = views(query, (0, 1, 2, 3), 2), Tiles.of(Texts.of(maps * 30), 0, 180)
     bounds = [
         max(bound_by_definition(x, y, one) for x, y in zip(seen.wx, seen.wy, strict=True)) for one in maps
     ]
-    for more in (0, 1):
-        needed, through = np.array(bounds, dtype=np.int32) + more, np.zeros(6, dtype=np.bool_)
-        assert (needed > [len(one) for one in maps]).all()
-        may_reach(tiles, documents, TileTables.of(seen), needed, through)
-        assert (through == (more == 0)).all()
+    assert (np.array(bounds) > [len(one) for one in maps]).all()
+    all_of_three_blocks, few_of_each = np.arange(180), np.arange(0, 180, 64 // FEW)
+    for documents in (all_of_three_blocks, few_of_each):
+        for more in (0, 1):
+            needed = np.array(bounds, dtype=np.int32)[documents % 6] + more
+            through = np.zeros(len(documents), dtype=np.bool_)
+            may_reach(tiles, documents, TileTables.of(seen), needed.astype(np.int32), through)
+            assert (through == (more == 0)).all()
 
 
 def test_what_cannot_reach_is_left_out():
@@ -108,13 +112,22 @@ def test_tiles_by_their_definition():
     assert dict(zip(entries // FULL, entries % FULL + 1, strict=True)) == {
         int(tile): counts[tile] for tile in np.flatnonzero(counts)
     }
-    assert (np.diff(entries % FULL) <= 0).all()
+    tile, keypoints = np.divmod(entries, FULL)
+    along_x, along_y = tile // SIDE + 0.5 - MIDDLE, tile % SIDE + 0.5 - MIDDLE
+    worth = (keypoints + 1) * np.rint(np.hypot(along_x, along_y))
+    assert (np.diff(np.minimum(worth // 2, 63)) <= 0).all()
     for row in range(SIDE):
         for column in range(SIDE):
             low_x, low_y = TILE * (row - MIDDLE), TILE * (column - MIDDLE)
             taken = (x >= low_x) & (x <= low_x + 12) & (y >= low_y) & (y <= low_y + 12)
             word, bit = divmod(row * SIDE + column, 64)
             assert bool(int(tiles.cover[1, word]) >> bit & 1) == taken.any()
+            low, high = (x >= low_x, y >= low_y), (x <= low_x + 18, y <= low_y + 18)
+            empty = not np.all([*low, *high], axis=0).any()
+            bare = int(tiles.bare[0, row * SIDE + column])
+            assert bool(bare >> 1 & 1) == (empty and max(row, column) < SIDE - 1)
+            assert bare & 1 == (max(row, column) < SIDE - 1)  # the first map is empty
+    assert tiles.bare.shape == (1, OUTSIDE + 1) and tiles.bare[0, OUTSIDE] == 0
 
 
 def test_tiles_made_in_parts_are_those_of_the_whole():

@@ -99,6 +99,18 @@ def _covered(xs: Any, ys: Any, size: Any, dx: Any, dy: Any, half: Any, grid: Any
 
 
 @kernel
+def sums_needed(starts: Any, documents: Any, own: Any, threshold: Any, needed: Any) -> None:
+    """Writes the least |Q'| + |M'| with which documents (K,) reach a score to ``needed`` (K,), and one more
+    than there is where none does; ``own`` is |Q|, 1 or more."""
+    for k in range(len(documents)):
+        size = own + starts[documents[k] + 1] - starts[documents[k]]
+        least = np.ceil(threshold * size)
+        if (least - 1.0) / size >= threshold:  # rounding went up
+            least -= 1.0
+        needed[k] = min(least, size + 1.0)
+
+
+@kernel
 def _prepare(wx: Any, wy: Any, order: Any, counts: Any, half: Any, first: Any, flat: Any, near: Any) -> None:
     """Fills the last three of the `AgreementTables`.
 

@@ -193,10 +193,9 @@ class AgreementScorer:
 
     def _needed(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
         """The least |Q'| + |M'| with which documents reach the threshold."""
-        sizes = self._sizes(name, documents)
-        needed = np.ceil(threshold * sizes)
-        needed -= (needed - 1) / sizes >= threshold  # where rounding went up
-        return np.minimum(needed, sizes + 1).astype(np.int32)  # more cannot be reached either
+        needed = np.empty(len(documents), dtype=np.int32)
+        agreement.sums_needed(self._texts(name).starts, documents, self._query.size, threshold, needed)
+        return needed
 
     def score(self, name: str, documents: Documents, threshold: float = 0.0) -> Scores:
         if not len(self._query.seen.wa) or not len(documents):

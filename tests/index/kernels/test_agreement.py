@@ -132,3 +132,13 @@ def test_keypoints_far_outside_do_no_harm():
     found = text_of("x0_y0_a1 x3_y0_a1 x30000_y-30000_a1 x-32768_y0_a1")
     assert agreed(texts_of(found), query, ONE_VIEW).score.tolist() == [4 / 6]
     assert agreed(texts_of(query), found.moved([0, 0, 0], 0.1), ONE_VIEW).score.tolist() == [4 / 6]
+
+
+def test_the_least_sum_that_reaches_a_score():
+    starts, documents, own = np.array([0, 3, 3, 10, 50]), np.array([0, 1, 3]), 5
+    for threshold in (0.0, 1 / 3, 0.3, 5 / 9, 0.8, 1.0, 1.1):
+        needed = np.empty(3, dtype=np.int32)
+        agreement.sums_needed(starts, documents, own, threshold, needed)
+        for least, size in zip(needed.tolist(), (8, 5, 45), strict=True):
+            reaching = [both for both in range(size + 1) if both / size >= threshold]
+            assert least == (reaching[0] if reaching else size + 1)

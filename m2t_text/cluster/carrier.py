@@ -25,7 +25,7 @@ class Carrier(Protocol):
 
 
 class InProcess:
-    """Opens the shards in this process, and asks one after the other."""
+    """Opens the shards in this process."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -37,5 +37,4 @@ class InProcess:
     def ask(
         self, method: str, generation: int, numbers: Iterable[int], *arguments: Any, partial: bool = False
     ) -> dict[int, Any]:
-        work = getattr(self._server, method)
-        return {number: work(generation, number, *arguments) for number in numbers}
+        return self._server.answer(method, generation, list(numbers), arguments)

@@ -68,8 +68,7 @@ class Server:
         self, method: str, generation: int, numbers: Sequence[int], arguments: tuple[Any, ...]
     ) -> dict[int, Any]:
         """What a method of `ShardServer` returns for each of these shards."""
-        work = getattr(self._shards, method)
-        return {number: work(generation, number, *arguments) for number in numbers}
+        return self._shards.answer(method, generation, numbers, arguments)
 
 
 @dataclass

@@ -2,9 +2,9 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from m2t_text.errors import ClusterError
 from m2t_text.index.map_index import MapIndex
 from m2t_text.index.results import Hit
 from m2t_text.index.snapshot import Ranking
+from m2t_text.util.workers import beside_others, own_cores, together
 
 if TYPE_CHECKING:
     from m2t_text.index.search.weighting import Method
@@ -55,6 +56,17 @@ class ShardServer:
         self._indexes: dict[str, MapIndex] = {}
         self._begun: OrderedDict[tuple[str, int], Ranking] = OrderedDict()
         self._lock = threading.Lock()  # where many searches go on at once, what they share is changed by one
+
+    def answer(
+        self, method: str, generation: int, numbers: Sequence[int], arguments: tuple[Any, ...]
+    ) -> dict[int, Any]:
+        """What a method returns for each of these shards: for several at once, each by one thread, if they are
+        at least as many as there are cores."""
+        work = getattr(self, method)
+        if len(numbers) < own_cores():
+            return {number: work(generation, number, *arguments) for number in numbers}
+        answers = together(lambda number: beside_others(lambda: work(generation, number, *arguments)), numbers)
+        return dict(zip(numbers, answers, strict=True))
 
     def begin(self, generation: int, number: int, search: Search) -> tuple[NDArray[np.float64], bool]:
         """The first step: (K,) the best scores that are known after it, ``top`` at most; and whether they are

@@ -83,6 +83,10 @@ def together(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
     For many small works in compiled code, which lets other threads run. To hand one over takes as long as some
     of them take to do, so the threads are kept, and each takes the next item as it comes free.
     """
+    threads = own_cores()
+    helpers = min(threads, len(items)) - 1
+    if helpers < 1:
+        return [function(item) for item in items]
     left = deque(enumerate(items))
     results: dict[int, Result] = {}
 
@@ -94,8 +98,7 @@ def together(function: Callable[[Item], Result], items: Sequence[Item]) -> list[
                 return
             results[number] = function(item)
 
-    helpers = min(own_cores(), len(items)) - 1
-    helping = [_helpers(own_cores() - 1).submit(work) for _ in range(helpers)]
+    helping = [_helpers(threads - 1).submit(work) for _ in range(helpers)]
     try:
         work()
     finally:

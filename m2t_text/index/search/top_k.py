@@ -261,8 +261,8 @@ class TopK:
         self, work: Callable[..., Part], least: int, places: NDArray[np.int64], *arguments: float
     ) -> Sequence[Part]:
         """What the work gives for ascending places, part by part of one segment each, at ``least`` so many."""
-        parts_at_most = SHARES * own_cores() if own_cores() > 1 else 1
-        share = max(least, len(places) // parts_at_most, 1)
+        threads = own_cores()
+        share = max(least, len(places) // (SHARES * threads if threads > 1 else 1), 1)
         parts: list[tuple[str, Documents]] = []
         for number, name in enumerate(self._names):
             begin, end = np.searchsorted(places, self._begins[number : number + 2])

@@ -1,5 +1,6 @@
 """How maps are scored, as Whoosh weighting models: the paper's intersection, and one agreed offset."""
 
+import threading
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -89,13 +90,15 @@ class OffsetAgreement(MapWeighting):
 
     def _query(self, text: Text) -> AgreementQuery:
         """The text in tables; where several indexes are searched as one, it is made once for all of them."""
-        latest = _latest.get("query")
-        if latest is None or latest[0] is not text or latest[1] != self:
-            made = AgreementQuery(views(text, self.turns, self.directions), self.window)
-            _latest["query"] = latest = (text, self, made)
-        return latest[2]
+        with _making:
+            latest = _latest.get("query")
+            if latest is None or latest[0] is not text or latest[1] != self:
+                made = AgreementQuery(views(text, self.turns, self.directions), self.window)
+                _latest["query"] = latest = (text, self, made)
+            return latest[2]
 
 
+_making = threading.Lock()
 _latest: dict[str, tuple[Text, OffsetAgreement, AgreementQuery]] = {}
 
 

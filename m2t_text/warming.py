@@ -133,7 +133,10 @@ STEPS: dict[Group, tuple[Callable[[], object], ...]] = {
         partial(_score, "intersection", "score"),
         lambda: BagScorer(_text(), _whole(), weighted=False).score("", np.arange(2)),
     ),
-    Group.SIEVING: (partial(_score, "agreement", "may_reach", 0.5),),
+    Group.SIEVING: (
+        partial(_score, "agreement", "unlikeness"),
+        partial(_score, "agreement", "may_reach", 0.5),
+    ),
     Group.VERIFICATION: (_align,),
     Group.MAPPING: (_match_widely, _draw_and_sample),
 }

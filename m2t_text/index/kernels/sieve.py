@@ -31,18 +31,21 @@ from m2t_text.index.kernels.wide import (
     quads_at,
     second_halves,
     shifted,
+    smaller,
     sum_of,
     twice_plus_common,
     up_to,
     words_at,
 )
-from m2t_text.util.compiling import inner, kernel
+from m2t_text.util.compiling import inlined, inner, kernel
 
 U = np.uint64
 STOP = 16  # entries between two looks at whether a map can still reach what is needed
 AHEAD = 16  # maps; what is read of the one so far on is loaded beforehand: waiting takes longer than the work
 LINES = 4  # of the processor's cache, about what the entries of a map take,
 LINE = 64  # bytes of a line
+GLANCED = 16  # tiles of the query that are looked at in a glance
+SIZE = 8  # keypoints by which sizes differ that count as much as one that is missed
 FEW = 8  # maps of a block for which its first step is not worth while
 DOUBLINGS = 4  # of rows, until there are QUADS
 MOST = 254  # keypoints that a lane counts, exactly, or in pairs
@@ -79,6 +82,33 @@ def may_reach(
     (K,)."""
     tried = _rows(QUADS + 1)  # the last one is of a map for which nothing is tried first
     _may_reach(tiles, documents, tables, AMOUNTS, tried, _rows(QUADS), needed, result)
+
+
+def unlikeness(
+    tiles: Tiles, documents: NDArray[np.int64], tables: TileTables, result: NDArray[np.int32]
+) -> None:
+    """Writes how little documents (K,), in ascending order, look like the query at a glance to ``result`` (K,):
+    how many of its keypoints in a few tiles they miss at least, and how far the sizes of both maps differ."""
+    _unlikeness(tiles, documents, tables, AMOUNTS, _rows(1), result)
+
+
+@kernel
+def _unlikeness(tiles: Any, documents: Any, tables: Any, amounts: Any, least: Any, result: Any) -> None:
+    first, end = 0, len(documents)
+    while first < end:
+        block = U(documents[first] // LANES)
+        fewest = every_byte(U(255))
+        for g in range(U(len(tables.missed))):
+            for quad in range(QUADS):
+                if g == U(0):
+                    _fetch_bare(tiles, block + U(1), U(quad), U(QUADS))
+                fewest = smaller(fewest, _missed(tiles, block, tables, g, quad, amounts, GLANCED))
+        put_bytes(least, U(0), fewest)
+        while first < end and U(documents[first] // LANES) == block:
+            document = documents[first]
+            differs = abs(np.int64(tiles.sizes[document]) - tables.size)
+            result[first] = np.int64(least[0, document % LANES]) + differs // SIZE
+            first += 1
 
 
 @kernel
@@ -126,24 +156,35 @@ def _fetch_ahead(tiles: Any, documents: Any, k: Any, first: Any) -> None:
         entries = U(tiles.starts[documents[k + AHEAD]])
         for line in range(U(LINES)):
             fetch(tiles.entries, entries + line * U(LINE // 2))
-    following = documents[k] // LANES + 1
-    if following < len(tiles.bare):
-        begin = U(following * (OUTSIDE + 1) + (k - first) * (OUTSIDE // LANES))
-        for word in range(U(0), U(OUTSIDE // LANES), U(LINE // 8)):
-            fetch(tiles.bare, begin + word)
+    _fetch_bare(tiles, U(documents[k] // LANES + 1), U(k - first), U(LANES))
+
+
+@inner
+def _fetch_bare(tiles: Any, block: Any, part: Any, parts: Any) -> None:
+    """Has one of some parts of what is bare in a block loaded."""
+    if block < U(len(tiles.bare)):
+        share = U(OUTSIDE) // parts
+        for word in range(U(0), share, U(LINE // 8)):
+            fetch(tiles.bare, block * U(OUTSIDE + 1) + part * share + word)
 
 
 @inner
 def _try_block(tiles: Any, block: Any, tables: Any, g: Any, amounts: Any, tried: Any, room: Any) -> None:
     """Writes how many of the query's keypoints that are tried first a map misses in each quad: QUADS bytes for
     each of LANES maps, one after the other."""
-    places, weights, bare = tables.places[g], tables.weights[g], tiles.bare[block]
     for quad in range(QUADS):
-        missed, own, weight = every_byte(U(0)), places[quad], weights[quad // (QUADS // VIEWS)]
-        for n in range(TRIED):
-            missed = added(missed, bytes_at(amounts, U(weight[n]) - U(1)), bare[own[n]])
-        put_bytes(tried, U(quad), missed)
+        put_bytes(tried, U(quad), _missed(tiles, block, tables, g, quad, amounts, TRIED))
     _transpose(tried, room)
+
+
+@inlined
+def _missed(tiles: Any, block: Any, tables: Any, g: Any, quad: Any, amounts: Any, count: Any) -> Any:
+    """How many of the query's keypoints in so many tiles each map of a block misses in a quad."""
+    places, weights, bare = tables.places[g, quad], tables.weights[g], tiles.bare[block]
+    missed, weight = every_byte(U(0)), weights[quad // (QUADS // VIEWS)]
+    for n in range(count):
+        missed = added(missed, bytes_at(amounts, U(weight[n]) - U(1)), bare[places[n]])
+    return missed
 
 
 @inner

@@ -164,6 +164,16 @@ def added(typing: Any, a: Any, b: Any, lanes: Any) -> Any:
 
 
 @intrinsic
+def smaller(typing: Any, a: Any, b: Any) -> Any:
+    """The smaller byte of two in each lane."""
+
+    def choose(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.select(builder.icmp_unsigned("<", *arguments), *arguments)
+
+    return wide_bytes(wide_bytes, wide_bytes), choose
+
+
+@intrinsic
 def up_to(typing: Any, value: Any, most: Any) -> Any:
     """A bit for each lane whose byte is not more than this."""
 

@@ -22,6 +22,16 @@ def largest(values: Floats, count: int) -> NDArray[np.int64]:
     return places[np.argpartition(-values[places], count)[:count]]
 
 
+def smallest(values: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+    """The places, ascending, of the ``count`` smallest values, the first of equals; of all if they are fewer.
+    The values are small, and 0 or more."""
+    up_to = np.cumsum(np.bincount(values, minlength=1))
+    last = int(np.searchsorted(up_to, count))
+    chosen = np.flatnonzero(values <= last)
+    equal = np.flatnonzero(values[chosen] == last)
+    return np.delete(chosen, equal[len(equal) - max(len(chosen) - count, 0) :])
+
+
 def reached(values: Floats, count: int) -> float:
     """What the ``count`` largest values reach, 0 if they are fewer."""
     behind = len(values) - count

@@ -20,7 +20,10 @@ class Scorer(Protocol):
 
     @property
     def sieves(self) -> bool:
-        """Whether `may_reach` leaves out documents, and is quick."""
+        """Whether `unlikeness` and `may_reach` say something, and are quick."""
+
+    def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
+        """How little documents (K,) look like the query at a glance, 0 or more: with which to begin."""
 
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
         """Which of the documents (K,) may have a score that reaches the threshold."""

@@ -30,6 +30,9 @@ class WordScorer:
     estimates_are_bounds = True
     sieves = False
 
+    def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
+        return np.zeros(len(documents), dtype=np.int32)
+
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
         return np.ones(len(documents), dtype=np.bool_)
 
@@ -157,8 +160,13 @@ class AgreementScorer:
 
     @cached_property
     def sieves(self) -> bool:
-        """Whether `may_reach` says more than that every map may."""
+        """Whether `unlikeness` and `may_reach` say something of a map."""
         return self._bounded and self._whole.may_use_tiles
+
+    def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
+        unlike = np.empty(len(documents), dtype=np.int32)
+        sieve.unlikeness(self._whole.tiles[name], documents, self._query.tiles, unlike)
+        return unlike
 
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
         reaching, needed = np.ones(len(documents), dtype=np.bool_), self._needed(name, documents, threshold)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from m2t_text.index.kernels.scores import Scores
-from m2t_text.index.search.largest import descending, largest, reached
+from m2t_text.index.search.largest import descending, largest, reached, smallest
 from m2t_text.index.search.scorer import Documents, Scorer
 from m2t_text.util.ascending import absent, distinct
 from m2t_text.util.types import Floats
@@ -20,8 +20,9 @@ Wanted = Callable[[NDArray[np.int64], Scores], NDArray[np.bool_]]
 SHARES = 8  # parts for each of several threads, so that all of them end together; but
 GROWTH = 4  # of batches
 SIEVED = 4096  # documents from which on a sieve is worth its tables
-SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is needed,
-AROUND = 32  # and of those on either side of the best, which one drive has often made of one place; the second
+SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is needed: one half anywhere, and of
+GLANCED, BLOCK = 65_536, 64  # some, in blocks of neighbours, those that are most like the query at a glance;
+AROUND = 32  # and those on either side of the best, which one drive has often made of one place; the second
 FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 TRIED = 3  # times as many documents as looked for are scored in a step, in all parts of a whole together
@@ -214,11 +215,22 @@ class TopK:
 
     def _sampled(self, found: Promising, likely: NDArray[np.int64] | None = None) -> Promising:
         """What is known once those that promise most of the next sample and of likely places are scored."""
-        count = len(self._documents)
-        sample = np.arange(0, count, -(-count * found.parts // SAMPLES[found.samples]))
-        found = self._scored(found, sample if likely is None else distinct(np.append(sample, likely)))
+        every, half = len(self._documents), max(SAMPLES[found.samples] // 2 // found.parts, 1)
+        anywhere = np.arange(0, every, -(-every // half))
+        like = self._likeliest(half, GLANCED // found.parts)
+        others = [] if likely is None else [likely]
+        found = self._scored(found, distinct(np.concatenate([anywhere, like, *others])))
         found = self._scored(found, self._around(found))
         return replace(found, samples=found.samples + 1, every=None, estimate=None)
+
+    def _likeliest(self, count: int, glanced: int) -> NDArray[np.int64]:
+        """So many places that look most like the query at a glance, of blocks all over the documents."""
+        every = len(self._documents)
+        begins = np.arange(0, every, BLOCK * -(-every // glanced))
+        places = (begins[:, None] + np.arange(BLOCK)).ravel()
+        places = places[: np.searchsorted(places, every)]
+        parts = self._each(self._scorer.unlikeness, GLANCE, places)
+        return places[smallest(np.concatenate([np.zeros(0, np.int32), *parts]), count)]
 
     def _around(self, found: Promising) -> NDArray[np.int64]:
         """The places next to those of the best that were not scored yet."""

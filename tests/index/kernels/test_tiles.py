@@ -9,7 +9,7 @@ from map_oracle import random_text
 from m2t_text.description.text import Text
 from m2t_text.index.kernels import agreement
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.sieve import FEW, may_reach
+from m2t_text.index.kernels.sieve import FEW, GLANCED, SIZE, may_reach, unlikeness
 from m2t_text.index.kernels.tile_tables import MIDDLE, OUTSIDE, SIDE, TILE, TileTables
 from m2t_text.index.kernels.tiles import FULL, Tiles
 from m2t_text.index.kernels.views import views
@@ -97,6 +97,30 @@ def test_what_cannot_reach_is_left_out():
     may_reach(tiles, np.arange(3), TileTables.of(views(query, (0,), 1)), needed, through)
     assert through.tolist() == [True, False, False]
     assert reaching(query, [across], (0, 1), 1, 0)[1].all()  # turned it is the same
+
+
+def glance(query: Text, maps: list[Text]) -> list[int]:
+    """How unlike each of the maps is, which are all there are of many in three blocks."""
+    tiles, documents = Tiles.of(Texts.of(maps * 30), 0, 30 * len(maps)), np.arange(0, 30 * len(maps), 7)
+    unlike = np.zeros(len(documents), dtype=np.int32)
+    unlikeness(tiles, documents, TileTables.of(views(query, (0, 1, 2, 3), 1)), unlike)
+    by_map = [set(unlike[documents % len(maps) == k].tolist()) for k in range(len(maps))]
+    assert all(len(one) == 1 for one in by_map)
+    return [one.pop() for one in by_map]
+
+
+def test_a_glance_counts_what_is_missed_and_how_sizes_differ():
+    rng = np.random.default_rng(3)
+    query = random_text(rng, 300, span=60)
+    same, half = query.turned(1).moved([0.9, -1.0, 0.0], 0.1), random_text(rng, 150, span=10)
+    alike, unlike, nothing = glance(query, [same, half, Text.of([], [], [])])
+    assert alike == 0
+    tiles, counts = np.unique(
+        (query.wx // TILE + MIDDLE) * SIDE + query.wy // TILE + MIDDLE, return_counts=True
+    )
+    away = np.hypot(tiles // SIDE - MIDDLE + 0.5, tiles % SIDE - MIDDLE + 0.5)
+    most = counts[np.argsort(-counts * away, kind="stable")[:GLANCED]].sum()
+    assert 0 < unlike - 150 // SIZE <= most and nothing == 300 // SIZE + most
 
 
 def test_tiles_by_their_definition():

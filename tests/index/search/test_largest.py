@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from m2t_text.index.search.largest import descending, largest, reached
+from m2t_text.index.search.largest import descending, largest, reached, smallest
 
 
 @pytest.mark.parametrize("size", [0, 1, 7, 40, 7 * 1024 - 1, 7 * 1024, 12_345])
@@ -16,6 +16,13 @@ def test_they_are_those_of_all_sorted(size, kinds):
         assert len(set(places.tolist())) == min(count, size)
         assert np.sort(values[places])[::-1].tolist() == ordered[:count].tolist()
         assert reached(values, count) == (ordered[count - 1] if size >= count else 0.0)
+
+
+@pytest.mark.parametrize("size", [0, 1, 7, 1000])
+def test_the_smallest_are_the_first_of_all_sorted(size):
+    values = np.random.default_rng(size).integers(0, 30, size).astype(np.int32)
+    for count in (1, 6, 7, 500, 1000):
+        assert smallest(values, count).tolist() == sorted(np.argsort(values, kind="stable")[:count].tolist())
 
 
 def test_the_order_is_descending_as_far_as_sixteen_bits_tell():

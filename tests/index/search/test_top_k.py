@@ -224,7 +224,8 @@ def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
 
 
 def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp_path, monkeypatch):
-    for name, value in {"SIEVED": 2, "SAMPLES": (3, 20), "AROUND": 1, "FEW": 10}.items():
+    small = {"SIEVED": 2, "SAMPLES": (3, 20), "GLANCED": 30, "BLOCK": 4, "AROUND": 1, "FEW": 10}
+    for name, value in small.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(6)

@@ -76,10 +76,10 @@ def may_reach(
     documents: NDArray[np.int64],
     tables: TileTables,
     needed: NDArray[np.int32],
-    result: NDArray[np.bool_],
+    result: NDArray[np.int32],
 ) -> None:
-    """Writes whether documents (K,), in ascending order, may have |Q'| + |M'| >= ``needed`` (K,) to ``result``
-    (K,)."""
+    """Writes 0 to ``result`` (K,) for documents (K,), in ascending order, that cannot have |Q'| + |M'| >=
+    ``needed`` (K,), else how far they may exceed it in one of the lanes, and 1."""
     tried = _rows(QUADS + 1)  # the last one is of a map for which nothing is tried first
     _may_reach(tiles, documents, tables, AMOUNTS, tried, _rows(QUADS), needed, result)
 
@@ -126,7 +126,7 @@ def _may_reach(
     while first < end:
         block, last = documents[first] // LANES, first
         while last < end and documents[last] // LANES == block:
-            result[last] = False
+            result[last] = 0
             last += 1
         many = last - first > FEW
         for g in range(U(len(tables.missed))):
@@ -135,11 +135,11 @@ def _may_reach(
             for k in range(first, last):
                 if g == U(0):
                     _fetch_ahead(tiles, documents, k, first)
-                if not result[k]:
+                if result[k] == 0:
                     size = np.int64(tiles.sizes[documents[k]])
                     spare, others = size + tables.size - needed[k], np.int64(needed[k]) - size
                     if spare > 2 * MOST + 1:
-                        result[k] = True
+                        result[k] = 1
                     elif spare >= 0:
                         row = U(documents[k] % LANES) if many else U(LANES)
                         result[k] = _group_may_reach(
@@ -211,7 +211,8 @@ def _group_may_reach(
     spare: Any,
     needed: Any,
 ) -> Any:
-    """Whether |Q'| less the map's keypoints that are missed may be what is needed, in any lane.
+    """By how much |Q'| less the map's keypoints that are missed may exceed what is needed, and 1, in the first
+    lane in which it may reach that; else 0.
 
     ``spare`` keypoints may be missed in all; of the query those in a row of ``tried`` are.
     """
@@ -242,6 +243,7 @@ def _group_may_reach(
         if 4 * np.int64(sum_of(covered)) + low[lane] >= others:  # as few do, even with all of the lower digits
             covered = twice_plus_common(covered, words_at(counts, digits + U(2)), cover)
             covered = twice_plus_common(covered, words_at(counts, digits + U(3)), cover)
-            if np.int64(sum_of(covered)) + beyond[lane] >= others:
-                return True
-    return False
+            more = np.int64(sum_of(covered)) + beyond[lane] - others
+            if more >= 0:
+                return more + 1
+    return np.int64(0)

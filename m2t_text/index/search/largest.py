@@ -1,5 +1,7 @@
 """The largest of many values."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,7 +10,7 @@ from m2t_text.util.types import Floats
 MANY = 1024  # times as many values as are looked for, from which on they are looked for block by block
 
 
-def largest(values: Floats, count: int) -> NDArray[np.int64]:
+def largest(values: NDArray[Any], count: int) -> NDArray[np.int64]:
     """The places of the ``count`` largest values, or of all if they are fewer, in any order."""
     if len(values) <= count:
         return np.arange(len(values))

@@ -25,8 +25,9 @@ class Scorer(Protocol):
     def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
         """How little documents (K,) look like the query at a glance, 0 or more: with which to begin."""
 
-    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
-        """Which of the documents (K,) may have a score that reaches the threshold."""
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
+        """0 for each of the documents (K,) whose score cannot reach the threshold, and more for those that may,
+        the more the likelier."""
 
     def estimate(self, name: str, documents: Documents) -> Floats:
         """A guess of the scores of documents (K,), which decides where to begin; it may be wrong."""

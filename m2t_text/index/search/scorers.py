@@ -33,8 +33,8 @@ class WordScorer:
     def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
         return np.zeros(len(documents), dtype=np.int32)
 
-    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
-        return np.ones(len(documents), dtype=np.bool_)
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
+        return np.ones(len(documents), dtype=np.int32)
 
     def __init__(self, text: Text, whole: Collection, weighted: bool) -> None:
         self.text = text
@@ -168,10 +168,10 @@ class AgreementScorer:
         sieve.unlikeness(self._whole.tiles[name], documents, self._query.tiles, unlike)
         return unlike
 
-    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.bool_]:
-        reaching, needed = np.ones(len(documents), dtype=np.bool_), self._needed(name, documents, threshold)
-        sieve.may_reach(self._whole.tiles[name], documents, self._query.tiles, needed, reaching)
-        return reaching
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
+        promise, needed = np.empty(len(documents), dtype=np.int32), self._needed(name, documents, threshold)
+        sieve.may_reach(self._whole.tiles[name], documents, self._query.tiles, needed, promise)
+        return promise
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:
         return self._shares(bounds.coarse_bounds, name, documents, threshold)

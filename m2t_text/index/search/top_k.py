@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -24,6 +25,7 @@ SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is need
 GLANCED, BLOCK = 65_536, 64  # some, in blocks of neighbours, those that are most like the query at a glance;
 AROUND = 32  # and those on either side of the best, which one drive has often made of one place; the second
 FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
+LIKELY = 8192  # of those that pass, at most, are looked at before bounds leave out most of the others
 LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
 TRIED = 3  # times as many documents as looked for are scored in a step, in all parts of a whole together
 # Documents in a part, at least: to begin one takes as long as some of them take,
@@ -46,7 +48,7 @@ class Promising:
         guesses: (K,) of their scores, from before.
         scores: of them.
         every: (M,) the places of documents that may be among the best; None if a sample was looked at.
-        estimate: (M,) guesses of their scores.
+        estimate: (M,) guesses of their scores; None where those are no bounds, and only some were looked at.
     """
 
     top: int
@@ -143,7 +145,11 @@ class TopK:
         most = share * len(every) * found.parts
         if found.samples < len(SAMPLES) and most > SAMPLES[found.samples]:
             return self._sampled(found)
-        return self._scored(found, self._sieved(every, found.floor, share))
+        if share > LOOSE:
+            return self._scored(found, every)
+        passing, promise = self._sieved(every, found.floor)
+        some = passing[np.sort(largest(promise, LIKELY))]
+        return replace(self._scored(found, some), every=passing, estimate=None)
 
     def rest(self, promising: Promising, floor: float = 0.0) -> tuple[NDArray[np.int64], Scores]:
         """The last step of `best`: looks at the other documents.
@@ -179,35 +185,34 @@ class TopK:
     def _sieves(self) -> bool:
         return len(self._documents) >= SIEVED and self._scorer.sieves
 
-    @property
+    @cached_property
     def _every(self) -> NDArray[np.int64]:
         """All places."""
         return np.arange(len(self._documents))
 
-    def _sieved(self, places: NDArray[np.int64], floor: float, share: float) -> NDArray[np.int64]:
-        """The places where scores may reach the floor, as that share does; all where that is most of them."""
-        return places if share > LOOSE else places[self._through(places, floor)]
+    def _sieved(self, places: NDArray[np.int64], floor: float) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """The places where scores may reach the floor, and how much these promise."""
+        parts = self._each(self._scorer.may_reach, GLANCE, places, floor)
+        promise = np.concatenate([np.zeros(0, np.int32), *parts])
+        passing = np.flatnonzero(promise > 0)
+        return places[passing], promise[passing]
 
     def _share(self, places: NDArray[np.int64], floor: float, few: int = FEW) -> float:
         """The share of places that the sieve lets through, as so few tell."""
-        return float(self._through(places[:: -(-len(places) // max(few, 1))], floor).mean())
-
-    def _through(self, places: NDArray[np.int64], floor: float) -> NDArray[np.bool_]:
-        """Which places the sieve lets through."""
-        return np.concatenate(
-            [np.zeros(0, np.bool_), *self._each(self._scorer.may_reach, GLANCE, places, floor)]
-        )
+        some = places[:: -(-len(places) // max(few, 1))]
+        return len(self._sieved(some, floor)[0]) / len(some)
 
     def _hopeful(self, found: Promising, last: float) -> tuple[NDArray[np.int64], Floats]:
         """The places whose bounds reach the score of the last, and the bounds, the largest first."""
         assert found.every is not None
-        assert found.estimate is not None
         every, bounds = found.every, found.estimate
         if self._sieves and last > found.floor:
             few = FEW // found.parts
-            every = self._sieved(every, last, self._share(every, last, few) if len(every) > few else 0.0)
+            if len(every) <= few or self._share(every, last, few) <= LOOSE:
+                every = self._sieved(every, last)[0]
         if not self._scorer.estimates_are_bounds:
             bounds = _joined(self._each(self._scorer.bound, LOOK, every, last))
+        assert bounds is not None
         hopeful = np.flatnonzero((bounds > 0) & (bounds >= last))
         hopeful = hopeful[absent(every[hopeful], found.done)]
         hopeful = hopeful[descending(bounds[hopeful])]
@@ -276,9 +281,10 @@ class TopK:
         threads = own_cores()
         share = max(least, len(places) // (SHARES * threads if threads > 1 else 1), 1)
         parts: list[tuple[str, Documents]] = []
+        whole = len(places) == len(self._documents)  # they need not be picked
         for number, name in enumerate(self._names):
             begin, end = np.searchsorted(places, self._begins[number : number + 2])
-            own = self._documents[places[begin:end]]
+            own = self._documents[begin:end] if whole else self._documents[places[begin:end]]
             parts += [(name, own[k : k + share]) for k in range(0, len(own), share)]
         return together(lambda part: work(*part, *arguments), parts)
 

@@ -198,7 +198,8 @@ def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
     tmp_path, monkeypatch, sieved, sample
 ):
     """The best hits above a score that a caller wants, wherever they stand among the others."""
-    for name, value in {"SIEVED": sieved, "SAMPLES": (sample // 2, sample), "FEW": 10, "LOOSE": 1.0}.items():
+    samples = {"SAMPLES": (sample // 2, sample), "FEW": 10, "LIKELY": 7}
+    for name, value in {"SIEVED": sieved, "LOOSE": 1.0, **samples}.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(4)

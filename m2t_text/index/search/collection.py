@@ -93,7 +93,7 @@ class Collection:
 
     @cached_property
     def tiles(self) -> dict[str, Tiles]:
-        """Of each segment, about a third of the memory that its texts take."""
+        """Of each segment, half of the memory that its texts take."""
         with ThreadPoolExecutor(cores(None)) as threads:
             parts = {
                 name: [

@@ -40,7 +40,7 @@ from m2t_text.index.kernels.wide import (
 from m2t_text.util.compiling import inlined, inner, kernel
 
 U = np.uint64
-STOP = 16  # entries between two looks at whether a map can still reach what is needed
+STOP = 24  # entries between two looks at whether a map can still reach what is needed
 AHEAD = 16  # maps; what is read of the one so far on is loaded beforehand: waiting takes longer than the work
 LINES = 4  # of the processor's cache, about what the entries of a map take,
 LINE = 64  # bytes of a line

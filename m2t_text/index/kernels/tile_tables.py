@@ -19,7 +19,7 @@ PADDED = SIDE + GROUPS + 1  # tiles that any group moves into the grid, and one 
 DIGITS = 4  # binary, of the number of the query's keypoints in a tile; those beyond count as matched
 MOST = (1 << DIGITS) - 1
 LOW = 3  # the last two of these digits
-TRIED = 32  # tiles of the query whose keypoints are likely to be missed: those are counted first
+TRIED = 64  # tiles of the query whose keypoints are likely to be missed: those are counted first
 QUADS = LANES // 4  # of four lanes of a view whose groups of offsets lie in a square
 OUTSIDE = SIDE * SIDE  # stands for squares of tiles that do not lie in the grid
 

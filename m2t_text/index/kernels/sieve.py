@@ -44,7 +44,7 @@ STOP = 24  # entries between two looks at whether a map can still reach what is 
 AHEAD = 16  # maps; what is read of the one so far on is loaded beforehand: waiting takes longer than the work
 LINES = 4  # of the processor's cache, about what the entries of a map take,
 LINE = 64  # bytes of a line
-GLANCED = 16  # tiles of the query that are looked at in a glance
+AT_A_GLANCE = 16  # tiles of the query that are looked at in a glance
 SIZE = 8  # keypoints by which sizes differ that count as much as one that is missed
 FEW = 8  # maps of a block for which its first step is not worth while
 DOUBLINGS = 4  # of rows, until there are QUADS
@@ -102,7 +102,7 @@ def _unlikeness(tiles: Any, documents: Any, tables: Any, amounts: Any, least: An
             for quad in range(QUADS):
                 if g == U(0):
                     _fetch_bare(tiles, block + U(1), U(quad), U(QUADS))
-                fewest = smaller(fewest, _missed(tiles, block, tables, g, quad, amounts, GLANCED))
+                fewest = smaller(fewest, _missed(tiles, block, tables, g, quad, amounts, AT_A_GLANCE))
         put_bytes(least, U(0), fewest)
         while first < end and U(documents[first] // LANES) == block:
             document = documents[first]

@@ -3,9 +3,8 @@
 The offsets of the viewpoints, -11 to 12 in x and in y, fall into four by four groups of six by six. In each
 group a map's keypoint may lie near one of the query's only if its tile holds a cell that one of the query's
 comes near; and a keypoint of the query near one of the map's only if a keypoint of the map lies in the thirteen
-by thirteen cells from the tile on where the least offset of the group takes it. The first is looked up tile by
-tile of the map, in masks made of the query, of all groups and four views at once, a lane each; see `wide`. Few
-lanes are left then. Of these the second is counted, each by itself, in bits made of the map.
+by thirteen cells from the tile on where the least offset of the group takes it. What the first needs of a map
+are its entries, what the second needs its cover.
 """
 
 from typing import Any, NamedTuple
@@ -62,23 +61,33 @@ class Tiles(NamedTuple):
     @classmethod
     def of(cls, texts: Texts, first: int, last: int) -> "Tiles":
         """Of the documents first...last of a segment, which are numbered from 0 on here."""
+        return cls.joined([TilesPart.of(texts, first, last)])
+
+    @classmethod
+    def joined(cls, parts: "list[TilesPart]") -> "Tiles":
+        """Those of all parts, one after the other."""
+        lengths, entries, sizes, cover = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return cls(np.append(0, np.cumsum(lengths)), entries, sizes, cover, _bare(cover))
+
+
+class TilesPart(NamedTuple):
+    """A part of the `Tiles` of a segment; the lengths (D,) of entries stand for where they start."""
+
+    lengths: NDArray[np.int64]
+    entries: NDArray[np.uint16]
+    sizes: NDArray[np.int32]
+    cover: NDArray[np.uint64]
+
+    @classmethod
+    def of(cls, texts: Texts, first: int, last: int) -> "TilesPart":
+        """Of the documents first...last of a segment."""
         documents = np.arange(first, last)
         room = int(texts.starts[last] - texts.starts[first])
         largest, count = texts.largest(documents), len(documents)
         entries, lengths = np.empty(room, np.uint16), np.zeros(count, np.int64)
         sizes, cover = np.zeros(count, np.int32), np.zeros((count, SIDE), np.uint32)
         _fill(texts, documents, Room.of(largest), entries, lengths, sizes, cover)
-        starts, words = np.append(0, np.cumsum(lengths)), cover.astype("<u4", copy=False).view("<u8")
-        return cls(starts, entries[: starts[-1]].copy(), sizes, words, _bare(words))
-
-    @classmethod
-    def joined(cls, parts: "list[Tiles]") -> "Tiles":
-        """Those of all parts, one after the other."""
-        begins = np.cumsum([0, *(part.starts[-1] for part in parts)])
-        starts = [part.starts[:-1] + begin for part, begin in zip(parts, begins[:-1], strict=True)]
-        names = ("entries", "sizes", "cover")
-        entries, sizes, cover = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
-        return cls(np.concatenate([*starts, begins[-1:]]), entries, sizes, cover, _bare(cover))
+        return cls(lengths, entries[: lengths.sum()].copy(), sizes, cover.astype("<u4", copy=False).view("<u8"))
 
 
 class Room(NamedTuple):
@@ -106,7 +115,7 @@ class Room(NamedTuple):
 
 @kernel
 def _fill(texts: Any, documents: Any, room: Any, entries: Any, lengths: Any, sizes: Any, cover: Any) -> None:
-    """Fills the fields of `Tiles`, with the lengths (D,) of entries in place of where they start."""
+    """Fills the fields of `TilesPart`."""
     x, y, keypoints, places, ordered = room
     kept: Any = U(0)
     for k in range(len(documents)):

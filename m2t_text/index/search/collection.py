@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from m2t_text.description.text import WORDS
 from m2t_text.index.kernels import intersection
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.tiles import Tiles
+from m2t_text.index.kernels.tiles import Tiles, TilesPart
 from m2t_text.util.workers import cores
 
 ALONE = 3  # searches without tiles before they are made
@@ -97,7 +97,7 @@ class Collection:
         with ThreadPoolExecutor(cores(None)) as threads:
             parts = {
                 name: [
-                    threads.submit(Tiles.of, segment.texts, k, min(k + CHUNK, len(segment.live)))
+                    threads.submit(TilesPart.of, segment.texts, k, min(k + CHUNK, len(segment.live)))
                     for k in range(0, len(segment.live), CHUNK)
                 ]
                 for name, segment in self.segments.items()

@@ -9,9 +9,9 @@ from map_oracle import random_text
 from m2t_text.description.text import Text
 from m2t_text.index.kernels import agreement
 from m2t_text.index.kernels.packed import Texts
-from m2t_text.index.kernels.sieve import FEW, GLANCED, SIZE, may_reach, unlikeness
+from m2t_text.index.kernels.sieve import AT_A_GLANCE, FEW, SIZE, may_reach, unlikeness
 from m2t_text.index.kernels.tile_tables import MIDDLE, OUTSIDE, SIDE, TILE, TileTables
-from m2t_text.index.kernels.tiles import FULL, Tiles
+from m2t_text.index.kernels.tiles import FULL, Tiles, TilesPart
 from m2t_text.index.kernels.views import views
 
 
@@ -120,7 +120,7 @@ def test_a_glance_counts_what_is_missed_and_how_sizes_differ():
         (query.wx // TILE + MIDDLE) * SIDE + query.wy // TILE + MIDDLE, return_counts=True
     )
     away = np.hypot(tiles // SIDE - MIDDLE + 0.5, tiles % SIDE - MIDDLE + 0.5)
-    most = counts[np.argsort(-counts * away, kind="stable")[:GLANCED]].sum()
+    most = counts[np.argsort(-counts * away, kind="stable")[:AT_A_GLANCE]].sum()
     assert 0 < unlike - 150 // SIZE <= most and nothing == 300 // SIZE + most
 
 
@@ -158,7 +158,7 @@ def test_tiles_by_their_definition():
 def test_tiles_made_in_parts_are_those_of_the_whole():
     rng = np.random.default_rng(1)
     texts = Texts.of([random_text(rng, int(rng.integers(0, 80)), span=60) for _ in range(30)])
-    parts = Tiles.joined([Tiles.of(texts, 0, 11), Tiles.of(texts, 11, 12), Tiles.of(texts, 12, 30)])
+    parts = Tiles.joined([TilesPart.of(texts, *part) for part in ((0, 11), (11, 12), (12, 30))])
     for part, whole in zip(parts, Tiles.of(texts, 0, 30), strict=True):
         assert np.array_equal(part, whole)
 

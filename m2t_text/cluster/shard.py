@@ -60,8 +60,8 @@ class ShardServer:
     def answer(
         self, method: str, generation: int, numbers: Sequence[int], arguments: tuple[Any, ...]
     ) -> dict[int, Any]:
-        """What a method returns for each of these shards: for several at once, each by one thread, if they are
-        at least as many as there are cores."""
+        """What a method returns for each of these shards. If there are at least as many as cores, several are
+        worked on at once, each by one thread."""
         work = getattr(self, method)
         if len(numbers) < own_cores():
             return {number: work(generation, number, *arguments) for number in numbers}

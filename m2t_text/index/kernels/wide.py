@@ -49,8 +49,12 @@ def _spread(builder: Any, value: Any) -> Any:
     first = builder.insert_element(
         ir.Constant(BYTES, ir.Undefined), builder.trunc(value, BYTE), ir.IntType(32)(0)
     )
-    places = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(first, first, places)
+    return _picked(builder, first, first, [0] * LANES)
+
+
+def _picked(builder: Any, a: Any, b: Any, places: list[int]) -> Any:
+    """For each lane an element of two vectors, the second of which is numbered on from the first."""
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), LANES), places))
 
 
 def _place(context: Any, builder: Any, signature: Any, arguments: Any, kind: Any) -> Any:
@@ -95,7 +99,7 @@ def quads_at(typing: Any, array: Any, place: Any) -> Any:
         pointer = _place(context, builder, signature, arguments, quads)
         loaded = builder.load(pointer, align=1)
         order = [4 * (lane // 16) + 2 * (lane // 8 % 2) + lane // 2 % 2 for lane in range(LANES)]
-        return builder.shuffle_vector(loaded, loaded, ir.Constant(ir.VectorType(ir.IntType(32), LANES), order))
+        return _picked(builder, loaded, loaded, order)
 
     return wide_bytes(array, types.uint64), load
 
@@ -115,7 +119,7 @@ def put_bytes(typing: Any, array: Any, row: Any, value: Any) -> Any:
 def _mixed(builder: Any, arguments: Any, first: int) -> Any:
     """The lanes of two in turns, from one on."""
     order = [first + lane // 2 + LANES * (lane % 2) for lane in range(LANES)]
-    return builder.shuffle_vector(*arguments, ir.Constant(ir.VectorType(ir.IntType(32), LANES), order))
+    return _picked(builder, *arguments, order)
 
 
 @intrinsic

@@ -23,11 +23,11 @@ class Scorer(Protocol):
         """Whether `unlikeness` and `may_reach` say something, and are quick."""
 
     def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
-        """How little documents (K,) look like the query at a glance, 0 or more: with which to begin."""
+        """How unlike the query documents (K,) look at a glance, 0 or more; a search begins with the least."""
 
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
-        """0 for each of the documents (K,) whose score cannot reach the threshold, and more for those that may,
-        the more the likelier."""
+        """0 for each of the documents (K,) whose score cannot reach the threshold; for the others 1 or
+        more, and more where it is likelier that they do."""
 
     def estimate(self, name: str, documents: Documents) -> Floats:
         """A guess of the scores of documents (K,), which decides where to begin; it may be wrong."""

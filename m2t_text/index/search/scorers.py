@@ -30,12 +30,6 @@ class WordScorer:
     estimates_are_bounds = True
     sieves = False
 
-    def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
-        return np.zeros(len(documents), dtype=np.int32)
-
-    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
-        return np.ones(len(documents), dtype=np.int32)
-
     def __init__(self, text: Text, whole: Collection, weighted: bool) -> None:
         self.text = text
         self.whole = whole
@@ -50,6 +44,12 @@ class WordScorer:
             return np.ones(len(documents))
         norms = np.sqrt(self._own * self.whole.norms[name][documents])
         return np.where(norms > 0, norms, 1.0)
+
+    def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
+        return np.zeros(len(documents), dtype=np.int32)
+
+    def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
+        return np.ones(len(documents), dtype=np.int32)
 
     def estimate(self, name: str, documents: Documents) -> Floats:
         return self.bound(name, documents)

@@ -26,7 +26,7 @@ GLANCED, BLOCK = 65_536, 64  # some, in blocks of neighbours, those that are mos
 AROUND = 32  # and those on either side of the best, which one drive has often made of one place; the second
 FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
 LIKELY = 8192  # of those that pass, at most, are looked at before bounds leave out most of the others
-LOOSE = 0.8  # share of them that a sieve lets through at most, if it is to be used: it takes a fifth of a bound
+LOOSE = 0.8  # share that a sieve lets through at most, if it is to be used: a bound takes 15 times as long
 TRIED = 3  # times as many documents as looked for are scored in a step, in all parts of a whole together
 # Documents in a part, at least: to begin one takes as long as some of them take,
 GLANCE = 1024  # by the sieve or to guess their scores,

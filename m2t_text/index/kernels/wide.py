@@ -119,7 +119,8 @@ def put_bytes(typing: Any, array: Any, row: Any, value: Any) -> Any:
 def _mixed(builder: Any, arguments: Any, first: int) -> Any:
     """The lanes of two in turns, from one on."""
     order = [first + lane // 2 + LANES * (lane % 2) for lane in range(LANES)]
-    return _picked(builder, *arguments, order)
+    a, b = arguments
+    return _picked(builder, a, b, order)
 
 
 @intrinsic

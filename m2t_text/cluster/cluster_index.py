@@ -13,16 +13,15 @@ from whoosh.query import Query
 from m2t_text.cluster.carrier import Carrier, InProcess
 from m2t_text.cluster.manifest import Manifest
 from m2t_text.cluster.remote import open_store
-from m2t_text.cluster.shard import Search
+from m2t_text.cluster.search import Known, Search
 from m2t_text.cluster.writing import sharded_writer
 from m2t_text.config import Parameters
 from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
-from m2t_text.index.results import DatasetSummary, Hit, IndexInfo
+from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, best_first
 from m2t_text.index.schema import schema
-from m2t_text.util.types import Floats
 
 if TYPE_CHECKING:
     from m2t_text.index.search.weighting import MapWeighting, Method
@@ -124,28 +123,33 @@ class ClusterIndex:
         query = self.parse(filter) if isinstance(filter, str) else filter
         manifest, key = self.manifest, token_hex(16)
         search = Search(key, text, top, exclude, method, query, texts, least, wanted)
-        floor = self._floor(manifest, search) if top else 0.0
-        found = self._ask(manifest, "finish", range(len(manifest.shards)), search, floor)
+        found = self._found(manifest, search)
         for number, hits in found.items():
             _check(manifest, number, hits)
-        ranked = sorted(
-            (hit for hits in found.values() for hit in hits), key=lambda hit: (-hit.score, hit.map_id)
-        )[: top or None]
+        ranked = best_first((hit for hits in found.values() for hit in hits), top)
         if texts and self._pinned is not None:
             self._remember(hit.document for hit in ranked)
         return ranked
 
-    def _floor(self, manifest: Manifest, search: Search) -> float:
-        """A score that the best maps of all shards reach together."""
-        told = self._ask(manifest, "begin", range(len(manifest.shards)), search)
-        known: dict[int, Floats] = {}
-        floor = 0.0
-        while told:
-            known |= {number: scores for number, (scores, _) in told.items()}
-            floor = max(floor, _reached(known, search.top))
-            sampled = [number for number, (_, sampled) in told.items() if sampled]
-            told = self._ask(manifest, "narrow", sampled, search, floor) if sampled else {}
-        return floor
+    def _found(self, manifest: Manifest, search: Search) -> dict[int, list[Hit]]:
+        """The best hits of each shard; what is not among the best of all may be left out."""
+        every, floor = range(len(manifest.shards)), 0.0
+        if search.top:
+            known: dict[int, Known] = self._ask(manifest, "begin", every, search)
+            ended = {number: one.hits for number, one in known.items() if one.hits is not None}
+            if len(ended) == len(known):
+                return ended
+            floor = self._floor(manifest, search, known)
+        return self._ask(manifest, "finish", every, search, floor)
+
+    def _floor(self, manifest: Manifest, search: Search, known: dict[int, Known]) -> float:
+        """A score that the best maps of all shards reach together, of which something is known."""
+        told = known
+        while sampled := [number for number, one in told.items() if one.sampled]:
+            floor = _reached(known, search.top)
+            told = self._ask(manifest, "narrow", sampled, search, floor)
+            known = known | told
+        return _reached(known, search.top)
 
     def find_document(self, map_id: str) -> Document | None:
         """The map of this id with its text; None if there is none."""
@@ -240,9 +244,9 @@ class ClusterIndex:
             self._texts.popitem(last=False)
 
 
-def _reached(known: Mapping[int, Floats], top: int) -> float:
+def _reached(known: Mapping[int, Known], top: int) -> float:
     """The score that the ``top`` best of all shards reach, 0 while there are fewer."""
-    scores = np.sort(np.concatenate([np.zeros(top), *known.values()]))
+    scores = np.sort(np.concatenate([np.zeros(top), *(one.scores for one in known.values())]))
     return float(scores[-top])
 
 

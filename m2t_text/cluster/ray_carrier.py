@@ -10,8 +10,8 @@ from typing import Any
 from m2t_text.cluster.cluster_index import ClusterIndex
 from m2t_text.cluster.connection import NAMESPACE, connected
 from m2t_text.cluster.manifest import Manifest
+from m2t_text.cluster.search import Search
 from m2t_text.cluster.servers import KEEPER, Served, Status
-from m2t_text.cluster.shard import Search
 from m2t_text.errors import ClusterError, DamageError, M2TError, listed
 
 Question = tuple[str, int, tuple[Any, ...]]  # a method, the generation, and further arguments

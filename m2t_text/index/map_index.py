@@ -15,8 +15,9 @@ from m2t_text.description.document import Document
 from m2t_text.description.text import Text
 from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
-from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview
-from m2t_text.index.snapshot import Address, Ranking, Recent, Snapshot
+from m2t_text.index.ranking import Recent, are_wanted, hits_at
+from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, Overview, best_first
+from m2t_text.index.snapshot import Snapshot
 from m2t_text.index.writing.folder import (
     check_new,
     create_whoosh,
@@ -345,8 +346,14 @@ class MapIndex:
             >>> 20.0 <= hit.document.middle <= 30.0, hit.alignment.shape
             (True, (3,))
         """
-        ranking = self.ranking(text, top, exclude, method, filter, None, least, wanted)
-        return self.hits(ranking, top, texts)
+        model, cell = self.model(method), self.parameters.mapping.cell
+        query = self.parse(filter) if isinstance(filter, str) else filter
+        chosen = None if wanted is None else partial(are_wanted, wanted, cell=cell)
+        with self._reading() as snapshot:
+            allowed = snapshot.allowed(exclude, query)
+            ranking = snapshot.ranking(text, model, top, allowed, least, chosen, self._recent)
+            hits = hits_at(*ranking.best(), cell, texts)
+        return best_first(hits, top)
 
     def search_many(
         self, texts: Iterable[Text], top: int = 10, method: "Method" = "m2t"
@@ -368,59 +375,6 @@ class MapIndex:
         pinned.model(method)  # loads the compiled code
         return threaded(lambda text: pinned.search(text, top, method=method), texts)
 
-    def ranking(
-        self,
-        text: Text,
-        top: int = 10,
-        exclude: tuple[str, float, float] | None = None,
-        method: "Method" = "m2t",
-        filter: Query | str | None = None,
-        whole: "Statistics | None" = None,
-        least: float = 0.0,
-        wanted: Callable[[Hit], bool] | None = None,
-        parts: int = 1,
-    ) -> Ranking:
-        """A `search` in two steps, so that several indexes can be searched as one; see `hits`.
-
-        Args:
-            text, top, exclude, method, filter, least, wanted: as for `search`.
-            whole: what words are weighted by, if this index is a part of a larger whole, of so many ``parts``.
-        """
-        model = self.model(method)
-        query = self.parse(filter) if isinstance(filter, str) else filter
-        with self._reading() as snapshot:
-            allowed = self._allowed(snapshot, exclude, query)
-            chosen = None if wanted is None else partial(self._wanted, wanted)
-            return snapshot.ranking(text, model, top, allowed, whole, least, chosen, self._recent, parts)
-
-    def hits(self, ranking: Ranking, top: int, texts: bool = False, floor: float = 0.0) -> list[Hit]:
-        """What a search ends with, in the order of scores, then of map ids; none with a score below the floor.
-
-        The floor is a score that the best ``top`` maps of all indexes that are searched together reach.
-        """
-        with damage_errors(self.path):
-            addresses, scores = ranking.best(floor)
-            hits = self._hits(addresses, scores, texts)
-        return sorted(hits, key=lambda hit: (-hit.score, hit.map_id))[: top or None]
-
-    def _wanted(
-        self, wanted: Callable[[Hit], bool], addresses: list[Address], scores: "Scores"
-    ) -> NDArray[np.bool_]:
-        return np.array([wanted(hit) for hit in self._hits(addresses, scores)], dtype=np.bool_)
-
-    def _hits(self, addresses: list[Address], scores: "Scores", texts: bool = False) -> list[Hit]:
-        """Maps and their scores as hits, in the same order."""
-        cell = self.parameters.mapping.cell
-        return [
-            Hit(
-                address.document(text=texts),
-                float(scores.score[k]),
-                int(scores.matched[k]),
-                scores.alignment[k] * [cell, cell, 1.0],
-            )
-            for k, address in enumerate(addresses)
-        ]
-
     def statistics(self) -> "Statistics":
         """What words are weighted by."""
         with self._reading() as snapshot:
@@ -430,23 +384,6 @@ class MapIndex:
         """Of all maps together."""
         with self._reading() as snapshot:
             return snapshot.keypoints
-
-    def _allowed(
-        self, snapshot: Snapshot, exclude: tuple[str, float, float] | None, filter: Query | None
-    ) -> list[NDArray[np.bool_]]:
-        """Of each segment (D,) which documents a search may find."""
-        allowed = [segment.live for segment in snapshot.segments]
-        if exclude is not None:
-            dataset, travel, metres = exclude
-            near = [
-                segment.of_dataset(dataset) & (np.abs(segment.middles - travel) <= metres)
-                for segment in snapshot.segments
-            ]
-            allowed = [live & ~out for live, out in zip(allowed, near, strict=True)]
-        if filter is not None:
-            matching = snapshot.matching(filter)
-            allowed = [live & match for live, match in zip(allowed, matching, strict=True)]
-        return allowed
 
     def scores(self, text: Text, method: "Method" = "m2t") -> "Scores":
         """The scores of all maps at once, in the order of `ids`."""
@@ -467,6 +404,11 @@ class MapIndex:
         """The Whoosh query of a string; see `parse_query`. Raises QueryError, saying what is wrong with it."""
         with self._reading() as snapshot:  # Whoosh's index would read its table of contents for it
             return parse_query(string, snapshot.searcher.schema)
+
+    def snapshot(self) -> Snapshot:
+        """The latest committed state, or that at which the index is pinned."""
+        with self._reading() as snapshot:
+            return snapshot
 
     @contextmanager
     def _reading(self) -> Iterator[Snapshot]:

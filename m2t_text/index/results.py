@@ -1,5 +1,6 @@
 """What an index answers: hits, and summaries of what it holds."""
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,11 @@ class Hit:
     @property
     def map_id(self) -> str:
         return self.document.map_id
+
+
+def best_first(hits: Iterable[Hit], top: int = 0) -> list[Hit]:
+    """Hits in the order of their scores, equal ones by map id; the first ``top``, 0 for all."""
+    return sorted(hits, key=lambda hit: (-hit.score, hit.map_id))[: top or None]
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,33 @@ def written(folder: Path, parameters, datasets: dict[str, list[Document]], shard
     return ClusterIndex.open(folder)
 
 
+class Apart(InProcess):
+    """Several servers, each of which answers for so many shards."""
+
+    def __init__(self, store: Store, each: int) -> None:
+        super().__init__(store)
+        self._each = each
+        self._servers: dict[tuple[int, ...], ShardServer] = {}
+        self.steps: set[str] = set()
+
+    def ask(self, method, generation, numbers, *arguments, partial=False):
+        self.steps.add(method)
+        answers = {}
+        for own in batched(numbers, self._each):
+            server = self._servers.setdefault(own, ShardServer(self._store))
+            answers |= server.answer(method, generation, own, arguments)
+        return answers
+
+
+def batched(numbers, each: int) -> list[tuple[int, ...]]:
+    numbers = list(numbers)
+    return [tuple(numbers[k : k + each]) for k in range(0, len(numbers), each)]
+
+
+def apart(index: ClusterIndex, each: int) -> ClusterIndex:
+    return ClusterIndex(Apart(Store(index.path), each), index.path)
+
+
 def one_index(folder: Path, parameters, datasets: dict[str, list[Document]]) -> MapIndex:
     index = MapIndex.create(folder, parameters)
     with index.writer() as writer:
@@ -72,10 +99,15 @@ FILTERS = (None, "dataset:d3 OR dataset:d6", "travel:[4 TO 12]", "x1_y2_a0~4", "
 
 @settings(max_examples=12, deadline=None)
 @given(
-    st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 3, 10, 40, 1000]), st.sampled_from(FILTERS), st.booleans()
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0, 1, 3, 10, 40, 1000]),
+    st.sampled_from(FILTERS),
+    st.booleans(),
+    st.sampled_from([1, 2, 3, 4]),
 )
-def test_every_search_is_that_of_one_index(both, seed, top, filter, bag):
+def test_every_search_is_that_of_one_index(both, seed, top, filter, bag, each):
     one, many = both
+    many = apart(many, each)
     rng = np.random.default_rng(seed)
     text = random_text(rng, int(rng.integers(0, 60)))
     exclude = None if seed % 2 else (f"d{rng.integers(0, 7)}", float(rng.uniform(0, 20)), 5.0)
@@ -85,32 +117,29 @@ def test_every_search_is_that_of_one_index(both, seed, top, filter, bag):
 
 
 @pytest.mark.parametrize("loose", [0.0, 1.0])  # never sieved, and always
-def test_so_it_is_where_shards_are_sampled_and_sieved_first(both, monkeypatch, loose):
+@pytest.mark.parametrize("each", [1, 3, 4])
+def test_so_it_is_where_shards_are_sampled_and_sieved_first(both, monkeypatch, loose, each):
     for name, value in {"SIEVED": 2, "SAMPLES": (20, 40), "FEW": 10, "LOOSE": loose}.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     one, many = both
-    steps: set[str] = set()
-    original = InProcess.ask
-
-    def ask(self, method, *arguments, **options):
-        steps.add(method)
-        return original(self, method, *arguments, **options)
-
-    monkeypatch.setattr(InProcess, "ask", ask)
+    carrier = Apart(Store(many.path), each)
+    many = ClusterIndex(carrier, many.path)
     for seed in range(0, 6, 2):
         text = random_text(np.random.default_rng(seed), 5 + 8 * seed)
         for top in (1, 4, 30):
             assert shown(many.search(text, top)) == shown(one.search(text, top))
     sampled = one.parameters.matching.score == "agreement"
-    assert steps == ({"begin", "narrow", "finish"} if sampled else {"begin", "finish"})
+    steps = {"begin", "narrow", "finish"} if sampled else {"begin", "finish"}
+    assert carrier.steps == ({"begin"} if each == 4 else steps)  # a server of all shards asks nobody
 
 
 def test_maps_that_tie_are_in_the_order_of_their_ids_across_shards(both):
     one, many = both
-    for name in ("d3", "d6"):
-        text = one.document(f"{name}/000001").text
-        assert shown(many.search(text, 2)) == shown(one.search(text, 2))
+    for index in (many, apart(many, 1)):
+        for name in ("d3", "d6"):
+            text = one.document(f"{name}/000001").text
+            assert shown(index.search(text, 2)) == shown(one.search(text, 2))
 
 
 def test_it_holds_what_one_index_holds(both):
@@ -151,9 +180,9 @@ def test_verdicts_and_poses_are_those_of_one_index(driven):
     for number, map_id in enumerate(one.ids):
         if number % 90 == 0:
             options = SearchOptions(top=5, exclude_travel=4.0, sequence=None if number % 4 else 10.0)
-            answers = [find_target(map_id, index, options) for index in (one, many)]
+            answers = [find_target(map_id, index, options) for index in (one, many, apart(many, 1))]
             told = [answer.to_json() | {"seconds": None, "index": None} for answer in answers]
-            assert told[0] == told[1]
+            assert told[0] == told[1] == told[2]
 
 
 def test_many_queries_at_once_are_answered_as_one_by_one(driven):
@@ -355,10 +384,12 @@ def test_a_server_that_did_not_begin_a_search_can_finish_it(tmp_path):
     index = written(tmp_path / "shards", PROFILES["default"], datasets, 2)
     text, store = datasets["d2"][2].text, Store(index.path)
 
-    class Forgetful(InProcess):
+    class Forgetful(Apart):
         def ask(self, method, *arguments, **options):
             if method == "finish":
-                self._server = ShardServer(store)
+                self._servers.clear()
             return super().ask(method, *arguments, **options)
 
-    assert shown(ClusterIndex(Forgetful(store), store.path).search(text)) == shown(index.search(text))
+    forgetful = Forgetful(store, 1)
+    assert shown(ClusterIndex(forgetful, store.path).search(text)) == shown(index.search(text))
+    assert forgetful.steps == {"begin", "finish"}

@@ -1,9 +1,9 @@
 """What matching needs of a whole index: the texts of each segment, and the statistics over all of them."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import count
 from typing import Any
@@ -22,6 +22,8 @@ ALONE = 3  # searches without tiles before they are made
 CHUNK = 4096  # maps whose tiles are made together
 GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
 
+_lock = threading.RLock()
+
 
 @dataclass(frozen=True)
 class SegmentTexts:
@@ -34,6 +36,16 @@ class SegmentTexts:
 
     texts: Texts
     live: NDArray[np.bool_]
+
+    @cached_property
+    def tiles(self) -> Tiles:
+        """Of all documents, half of the memory that their texts take."""
+        with ThreadPoolExecutor(cores(None)) as threads:
+            begins = range(0, len(self.live), CHUNK)
+            parts = [
+                threads.submit(TilesPart.of, self.texts, k, min(k + CHUNK, len(self.live))) for k in begins
+            ]
+            return Tiles.joined([part.result() for part in parts])
 
 
 @dataclass(frozen=True)
@@ -64,9 +76,15 @@ class Collection:
     whole: Statistics | None = None
     _searches: "count[int]" = field(default_factory=count, compare=False, repr=False)
 
-    def within(self, whole: Statistics) -> "Collection":
-        """The same maps as a part of a whole."""
-        return replace(self, whole=whole)
+    @classmethod
+    def joined(cls, parts: Mapping[str, "Collection"], whole: Statistics) -> "Collection":
+        """The maps of several readers, as a part of a whole; segments are called ``part/segment``."""
+        segments = {
+            f"{name}/{segment}": texts
+            for name, part in parts.items()
+            for segment, texts in part.segments.items()
+        }
+        return cls(segments, sum(part.maps for part in parts.values()), whole)
 
     @cached_property
     def frequency(self) -> NDArray[np.int64]:
@@ -87,22 +105,15 @@ class Collection:
         return np.ceil(rarity / GRID) * GRID
 
     @property
-    def may_use_tiles(self) -> bool:
-        """Whether these maps have been searched ALONE times: making tiles takes as long as a few searches."""
-        return next(self._searches) >= ALONE
-
-    @cached_property
-    def tiles(self) -> dict[str, Tiles]:
-        """Of each segment, half of the memory that its texts take."""
-        with ThreadPoolExecutor(cores(None)) as threads:
-            parts = {
-                name: [
-                    threads.submit(TilesPart.of, segment.texts, k, min(k + CHUNK, len(segment.live)))
-                    for k in range(0, len(segment.live), CHUNK)
-                ]
-                for name, segment in self.segments.items()
-            }
-            return {name: Tiles.joined([part.result() for part in some]) for name, some in parts.items()}
+    def uses_tiles(self) -> bool:
+        """Whether a search uses tiles, which are there then. They are made once these maps have been searched
+        ALONE times: it takes as long as a few searches."""
+        with _lock:  # one thread makes them
+            if next(self._searches) < ALONE and not all("tiles" in vars(one) for one in self.segments.values()):
+                return False
+            for segment in self.segments.values():
+                segment.tiles  # noqa: B018
+        return True
 
     @cached_property
     def norms(self) -> dict[str, NDArray[np.float64]]:
@@ -113,7 +124,6 @@ class Collection:
         return norms
 
 
-_lock = threading.RLock()
 _collections: WeakKeyDictionary[Any, Collection] = WeakKeyDictionary()
 
 

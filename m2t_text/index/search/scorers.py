@@ -161,16 +161,16 @@ class AgreementScorer:
     @cached_property
     def sieves(self) -> bool:
         """Whether `unlikeness` and `may_reach` say something of a map."""
-        return self._bounded and self._whole.may_use_tiles
+        return self._bounded and self._whole.uses_tiles
 
     def unlikeness(self, name: str, documents: Documents) -> NDArray[np.int32]:
         unlike = np.empty(len(documents), dtype=np.int32)
-        sieve.unlikeness(self._whole.tiles[name], documents, self._query.tiles, unlike)
+        sieve.unlikeness(self._whole.segments[name].tiles, documents, self._query.tiles, unlike)
         return unlike
 
     def may_reach(self, name: str, documents: Documents, threshold: float) -> NDArray[np.int32]:
         promise, needed = np.empty(len(documents), dtype=np.int32), self._needed(name, documents, threshold)
-        sieve.may_reach(self._whole.tiles[name], documents, self._query.tiles, needed, promise)
+        sieve.may_reach(self._whole.segments[name].tiles, documents, self._query.tiles, needed, promise)
         return promise
 
     def bound(self, name: str, documents: Documents, threshold: float = 0.0) -> Floats:

@@ -68,9 +68,9 @@ class Promising:
         return -(-TRIED * self.top // self.parts)
 
     @property
-    def best(self) -> Floats:
-        """(K,) the best scores so far, ``top`` at most, in any order."""
-        return self.scores.score[largest(self.scores.score, self.top)]
+    def best(self) -> NDArray[np.int64]:
+        """(K,) which of those that were scored are the best so far, ``top`` at most, in any order."""
+        return largest(self.scores.score, self.top)
 
     @property
     def last(self) -> float:
@@ -161,7 +161,7 @@ class TopK:
         found = promising
         while found.every is None:
             found = self.narrowed(found, floor)
-        scores, done, best = found.scores, found.done, found.best
+        scores, done, best = found.scores, found.done, found.scores.score[found.best]
         floor = max(floor, found.floor)
         last = max(floor, found.last)
         rest, bounds = self._hopeful(found, last)

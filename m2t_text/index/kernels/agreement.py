@@ -18,7 +18,8 @@ from m2t_text.index.kernels.views import Views
 from m2t_text.util.compiling import inlined, inner, kernel
 
 NEAR = 1  # cells; keypoints this far apart in x and y match at the agreed offset
-VOTERS = 48  # keypoints of one word of the query that vote, about
+VOTERS = 48  # keypoints of one word of the query that vote, at most
+FULL = 65_535  # votes for an offset that are counted: 16 bits take half the cache, and no map has more
 CANDIDATES = 4  # views whose overlap is measured, those with most votes; the best is then moved by a cell
 WORTH = 0.5  # of the votes of the best view, below which a view is not measured
 
@@ -31,7 +32,7 @@ class AgreementTables(NamedTuple):
         half: cells from the middle of a grid to its border.
         x, y: (V, Q) int64 cells of the query in each view.
         slots: (1024,) int64 number of each of the query's U words, -1 for others.
-        first, flat: (V, U, side + 1) and (V, Q) int32 keypoints that vote, see `_voters`.
+        first, flat: (V, U, side + 1) uint16 and (V, Q) int32 keypoints that vote, see `_prepare`.
         near: (V, side, side) int32, 1 in the cells near a keypoint.
     """
 
@@ -40,7 +41,7 @@ class AgreementTables(NamedTuple):
     x: NDArray[np.int64]
     y: NDArray[np.int64]
     slots: NDArray[np.int64]
-    first: NDArray[np.int32]
+    first: NDArray[np.uint16]
     flat: NDArray[np.int32]
     near: NDArray[np.int32]
 
@@ -53,7 +54,7 @@ class AgreementTables(NamedTuple):
         slots[words] = np.arange(len(words))
         (views, size), side = seen.wx.shape, 2 * half
         order = np.argsort(slot * side + seen.wx, axis=1, kind="stable")
-        first = np.empty((views, len(words), side + 1), dtype=np.int32)
+        first = np.empty((views, len(words), side + 1), dtype=np.uint16)
         flat = np.empty((views, size), dtype=np.int32)
         near = np.zeros((views, side, side), dtype=np.int32)
         _prepare(seen.wx, seen.wy, order, counts, half, first, flat, near)
@@ -147,6 +148,7 @@ def _vote(tables: Any, v: Any, one: Any, votes: Any) -> None:
     wx, wy, wa = one.x, one.y, one.words
     side = 2 * half
     width = 2 * side
+    few = one.size <= FULL // VOTERS
     for row in range(2 * window + 3):  # what lies beyond is never read
         begin = row * width + side - window - 1
         for k in range(begin, begin + 2 * window + 3):
@@ -155,8 +157,14 @@ def _vote(tables: Any, v: Any, one: Any, votes: Any) -> None:
         slot, x, y = slots[wa[k]], wx[k] + half, wy[k] + half
         if slot >= 0 and -window <= x < side + window and 0 <= y < side:
             base = (x + window + 1) * width + y + side
-            for i in range(first[slot, max(x - window, 0)], first[slot, min(x + window + 1, side)]):
-                votes[np.uint32(base - flat[i])] += 1
+            begin, end = first[slot, max(x - window, 0)], first[slot, min(x + window + 1, side)]
+            if few:
+                for i in range(begin, end):
+                    votes[np.uint32(base - flat[i])] += 1
+            else:
+                for i in range(begin, end):
+                    place = np.uint32(base - flat[i])
+                    votes[place] += votes[place] < FULL
 
 
 @inner
@@ -206,7 +214,7 @@ class Room(NamedTuple):
 
     Attributes:
         x, y, words: (N,) int32 of a map.
-        votes: int32 for all offsets, see `_vote`.
+        votes: uint16 for all offsets, see `_vote`.
         peaks: (V, 3) int64 votes and offset of each view.
         grid: (side, side) int32, the latest map stamped with its number.
         best: (5,) int64, see `_improve`.
@@ -225,7 +233,7 @@ class Room(NamedTuple):
         """Enough for any of the documents."""
         largest, side = texts.largest(documents), 2 * tables.half
         x, y, words = np.empty((3, largest), dtype=np.int32)
-        votes = np.zeros((2 * tables.window + 3) * 2 * side, dtype=np.int32)
+        votes = np.zeros((2 * tables.window + 3) * 2 * side, dtype=np.uint16)
         peaks = np.zeros((len(tables.x), 3), dtype=np.int64)
         return cls(x, y, words, votes, peaks, np.zeros((side, side), np.int32), np.zeros(5, np.int64))
 

@@ -73,6 +73,14 @@ def test_the_window_bounds_the_offset(offset, score):
     assert agreed(texts_of(found), query, ONE_VIEW).score.tolist() == [score]
 
 
+def test_an_offset_with_more_votes_than_are_counted_has_the_most():
+    """Many keypoints in one cell, as no map has them."""
+    often, seldom = agreement.FULL // agreement.VOTERS + 100, 200
+    query = Text.of([0] * 48 + [40] * 48, [0] * 96, [1] * 48 + [2] * 48)
+    found = Text.of([3] * often + [48] * seldom, [-2] * often + [5] * seldom, [1] * often + [2] * seldom)
+    assert agreed(texts_of(found), query, ONE_VIEW).alignment.tolist() == [[3.0, -2.0, 0.0]]
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, agreement.VOTERS), st.sampled_from([2, 10]))
 def test_scores_are_those_of_the_definition(seed, size, window):

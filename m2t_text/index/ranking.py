@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from m2t_text.index.results import Hit
 from m2t_text.index.segment import Address, Segment
-from m2t_text.util.ascending import distinct, places_of
+from m2t_text.util.ascending import places_of
 from m2t_text.util.types import Floats
 
 if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching needs them
@@ -19,32 +19,37 @@ if TYPE_CHECKING:  # the compiled kernels are slow to import, and only searching
     from m2t_text.index.search.top_k import Promising
 
 REMEMBERED = 64  # searches of which it is known what they found,
-MOST_OF_ONE = 16  # so many maps of each
+MOST_OF_ONE = 16  # so many maps of each; of the last
+FOLLOWED = 4  # one must have found a map that one before had found, if they are to be of use to the next
 
 Wanted = Callable[[list[Address], "Scores"], NDArray[np.bool_]]  # which of some maps (K,) count
 
 
 class Recent:
-    """The maps that the latest searches have found: those that follow each other often ask for places next to
-    each other. Several threads may use it at once."""
+    """The maps that the latest searches have found: those that follow each other along a drive ask for places
+    next to each other. Several threads may use it at once."""
 
     def __init__(self) -> None:
-        self._found: deque[list[Address]] = deque(maxlen=REMEMBERED)
+        self._found: deque[frozenset[Address]] = deque(maxlen=REMEMBERED)
+        self._followed: deque[bool] = deque(maxlen=FOLLOWED)
 
     def add(self, addresses: Sequence[Address]) -> None:
         """Adds what a search has found."""
-        self._found.append(list(addresses[:MOST_OF_ONE]))
+        found = frozenset(addresses[:MOST_OF_ONE])
+        self._followed.append(not all(found.isdisjoint(before) for before in list(self._found)))
+        self._found.append(found)
 
     def places(self, segments: Iterable[Segment], documents: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
         """(K,) their places among all documents (D,) of segments, ascending; those that are missing there are
-        left out."""
-        known: defaultdict[Segment, list[int]] = defaultdict(list)
-        for address in (one for found in list(self._found) for one in found):
-            known[address.segment].append(address.number)
+        left out. None at all if searches have not followed each other lately."""
         places, begin = [np.zeros(0, dtype=np.int64)], 0
+        if not any(list(self._followed)):
+            return places[0]
+        known: defaultdict[Segment, set[int]] = defaultdict(set)
+        for address in frozenset().union(*list(self._found)):
+            known[address.segment].add(address.number)
         for segment, own in zip(segments, documents, strict=True):
-            numbers = distinct(np.array(known.get(segment, []), dtype=np.int64))
-            places.append(begin + places_of(numbers, own))
+            places.append(begin + places_of(np.array(sorted(known[segment]), dtype=np.int64), own))
             begin += len(own)
         return np.concatenate(places)
 

@@ -120,19 +120,23 @@ class TopK:
         likely: NDArray[np.int64] | None = None,
         parts: int = 1,
     ) -> Promising:
-        """The first step of `best`: scores the documents that promise most, of all or, if they are many, of a
-        sample and of the ``likely`` places. What its best reach, others have to reach as well.
+        """The first step of `best`: scores the documents that promise most, of all or, if they are many, of
+        the ``likely`` places, or of a sample. What its best reach, others have to reach as well.
 
         Where these documents are one of several parts of a whole, fewer of each are looked at and scored.
         """
         found = Promising(top, least, wanted, parts)
-        return self._sampled(found, likely) if self._sieves else self._scored(found, self._every)
+        if not self._sieves:
+            return self._scored(found, self._every)
+        if likely is None or len(likely) < found.tried:
+            return self._sampled(found)
+        return replace(self._scored(found, likely), every=None, estimate=None)
 
     def narrowed(self, promising: Promising, floor: float = 0.0) -> Promising:
-        """The next step after a sample, to be taken until ``every`` place that may be among the best is known.
+        """The next step after that, to be taken until ``every`` place that may be among the best is known.
 
-        Looks at a larger sample if more places than that may reach the floor, else scores those of them that
-        promise most.
+        Looks at a sample, or a larger one, if more places than that has may reach the floor, else scores those
+        of them that promise most.
 
         Args:
             promising: what the step before found.
@@ -218,13 +222,12 @@ class TopK:
         hopeful = hopeful[descending(bounds[hopeful])]
         return every[hopeful], bounds[hopeful]
 
-    def _sampled(self, found: Promising, likely: NDArray[np.int64] | None = None) -> Promising:
-        """What is known once those that promise most of the next sample and of likely places are scored."""
+    def _sampled(self, found: Promising) -> Promising:
+        """What is known once those that promise most of the next sample are scored, too."""
         every, half = len(self._documents), max(SAMPLES[found.samples] // 2 // found.parts, 1)
         anywhere = np.arange(0, every, -(-every // half))
         like = self._likeliest(half, GLANCED // found.parts)
-        others = [] if likely is None else [likely]
-        found = self._scored(found, distinct(np.concatenate([anywhere, like, *others])))
+        found = self._scored(found, distinct(np.concatenate([anywhere, like])))
         found = self._scored(found, self._around(found))
         return replace(found, samples=found.samples + 1, every=None, estimate=None)
 

@@ -14,7 +14,9 @@ from m2t_text.index.kernels.bitmaps import COARSE, FINE
 from m2t_text.index.kernels.packed import Texts
 from m2t_text.index.kernels.views import views
 from m2t_text.index.map_index import MapIndex
+from m2t_text.index.ranking import Recent
 from m2t_text.index.search import collection, top_k
+from m2t_text.index.segment import Address
 
 pytestmark = pytest.mark.usefixtures("two_threads")
 
@@ -224,15 +226,25 @@ def test_a_bounded_question_is_answered_as_if_all_maps_were_looked_through(
                 assert [hit.map_id for hit in index.search(query, top, least=least)] == plain
 
 
-def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp_path, monkeypatch):
-    small = {"SIEVED": 2, "SAMPLES": (3, 20), "GLANCED": 30, "BLOCK": 4, "AROUND": 1, "FEW": 10}
+@pytest.mark.parametrize(("size", "spared"), [(3, False), (60, True)])  # of a sample
+def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(
+    tmp_path, monkeypatch, size, spared
+):
+    small = {"SIEVED": 2, "SAMPLES": (size, 80), "GLANCED": 30, "BLOCK": 4, "AROUND": 1, "FEW": 10}
     for name, value in small.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     rng = np.random.default_rng(6)
     index, texts = two_datasets(tmp_path / "index", rng, 40)
     looked: list[int] = []
-    original = top_k.TopK.promising
+    original, sampled = top_k.TopK.promising, top_k.TopK._sampled
+    samples: list[int] = []
+
+    def counted(self, found):
+        samples.append(found.samples)
+        return sampled(self, found)
+
+    monkeypatch.setattr(top_k.TopK, "_sampled", counted)
 
     def promising(self, top, least, wanted, likely, parts):
         looked.append(-1 if likely is None else len(likely))
@@ -240,9 +252,28 @@ def test_what_searches_found_before_is_looked_at_first_and_changes_no_answer(tmp
 
     monkeypatch.setattr(top_k.TopK, "promising", promising)
     expected = [index.search(text, 5, exclude=("a", 9.0, 8.0)) for text in texts]
+    assert samples.count(0) == len(texts) == len(looked)
+    samples.clear()
     pinned = index.pinned()
     found = [pinned.search(text, 5, exclude=("a", 9.0, 8.0)) for text in texts]
     assert [[(h.map_id, h.score) for h in hits] for hits in found] == [
         [(h.map_id, h.score) for h in hits] for hits in expected
     ]
-    assert looked[:41] == [-1] * 40 + [0] and min(looked[41:]) >= 5 and max(looked[41:]) > 30
+    assert looked[:42] == [-1] * 40 + [0, 0] and max(looked[42:]) > 30
+    assert (samples.count(0) < len(texts)) == spared
+
+
+def test_what_was_found_is_looked_at_only_while_searches_follow_each_other(tmp_path):
+    index, _ = two_datasets(tmp_path / "index", np.random.default_rng(7), 12)
+    segments, recent = index.snapshot().segments, Recent()
+    first, second = ([Address(segments[0], k) for k in some] for some in ((1, 5), (3, 5)))
+    every = [np.arange(len(segment.live)) for segment in segments]
+    recent.add(first)
+    assert not len(recent.places(segments, every))
+    recent.add(second)  # one of them was found before
+    assert recent.places(segments, every).tolist() == [1, 3, 5]
+    assert recent.places(segments, [np.array([0, 3, 5]), *every[1:]]).tolist() == [1, 2]
+    for k in range(4):
+        assert len(recent.places(segments, every))
+        recent.add([Address(segments[0], 6 + k)])
+    assert not len(recent.places(segments, every))

@@ -118,6 +118,8 @@ def main() -> None:
         "--keep", type=Path, default=Path("indexes/calibration"), help="what is kept of lookups"
     )
     options = parser.parse_args()
+    if len(options.logs) + options.simulated < 2:
+        parser.error("each building is judged by the others: name two logs or more, or have some simulated")
     found = list(all_lookups(options.logs, options.simulated, options.queries, options.keep))
     for free in (True, False):
         print_judged("of other buildings", held_out(found, free), free)
@@ -128,7 +130,8 @@ def main() -> None:
     )
     print_coefficients(found, free=True)
     print_coefficients(found, free=False)
-    print_agreement(list(all_sequences(options.logs, options.queries, options.keep)))
+    if options.logs:
+        print_agreement(list(all_sequences(options.logs, options.queries, options.keep)))
 
 
 if __name__ == "__main__":

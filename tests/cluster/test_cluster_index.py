@@ -119,7 +119,8 @@ def test_every_search_is_that_of_one_index(both, seed, top, filter, bag, each):
 @pytest.mark.parametrize("loose", [0.0, 1.0])  # never sieved, and always
 @pytest.mark.parametrize("each", [1, 3, 4])
 def test_so_it_is_where_shards_are_sampled_and_sieved_first(both, monkeypatch, loose, each):
-    for name, value in {"SIEVED": 2, "SAMPLES": (20, 40), "FEW": 10, "LOOSE": loose}.items():
+    small = {"SIEVED": 2, "SAMPLES": (20, 40), "FEW": 10, "LOOSE": loose, "LIKELY": 10 * each}
+    for name, value in small.items():
         monkeypatch.setattr(top_k, name, value)
     monkeypatch.setattr(collection, "ALONE", 0)
     one, many = both

@@ -25,7 +25,7 @@ SAMPLES = (2048, 16_384)  # of them, at most, are looked at to find what is need
 GLANCED, BLOCK = 65_536, 64  # some, in blocks of neighbours, those that are most like the query at a glance;
 AROUND = 32  # and those on either side of the best, which one drive has often made of one place; the second
 FEW = 1024  # sample only if more than its size would pass the sieve, as so many documents tell
-LIKELY = 8192  # of those that pass, at most, are looked at before bounds leave out most of the others
+LIKELY = 8192  # if more pass, so many of them are looked at before bounds leave out most of the others
 LOOSE = 0.8  # share that a sieve lets through at most, if it is to be used: a bound takes 15 times as long
 TRIED = 3  # times as many documents as looked for are scored in a step, in all parts of a whole together
 # Documents in a part, at least: to begin one takes as long as some of them take,
@@ -152,6 +152,8 @@ class TopK:
         if share > LOOSE:
             return self._scored(found, every)
         passing, promise = self._sieved(every, found.floor)
+        if len(passing) <= LIKELY:
+            return replace(found, every=passing, estimate=None)
         some = passing[np.sort(largest(promise, LIKELY))]
         return replace(self._scored(found, some), every=passing, estimate=None)
 

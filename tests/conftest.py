@@ -2,6 +2,7 @@
 
 import io
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,10 @@ settings.load_profile("same")
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # each core has its own worker, which therefore needs no threads
     os.environ["M2T_THREADS"] = "1"
+
+# Behind nohup commands that tests start would ignore it, too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 RADISH = Path(__file__).resolve().parents[2] / "shared" / "data" / "radish"
 

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import NoneType
 from typing import Any
@@ -483,17 +482,6 @@ def test_a_reader_that_has_seen_enough(simulated_index: Path) -> None:
     assert (done.returncode, done.stderr) == (1, b"")
 
 
-def test_interrupted_indexing_leaves_the_index_as_it_was(simulated: Path, own_index: Path) -> None:
-    before = MapIndex.open(own_index).ids
-    line = [*PROGRAM, "index", str(simulated), "--index", str(own_index), "--name", "other"]
-    process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    time.sleep(0.3)
-    os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate()[1] == "m2t-text: interrupted; nothing was left half done\n"
-    assert process.returncode == 130
-    assert MapIndex.open(own_index).ids == before
-
-
 SLOW = """
 import time
 from m2t_text import pipeline
@@ -510,18 +498,19 @@ main()
 
 
 @pytest.mark.parametrize(
-    ("ending", "everyone", "status", "message"),
+    ("ending", "everyone", "jobs", "status", "message"),
     [
-        (signal.SIGINT, True, 130, "m2t-text: interrupted; nothing was left half done\n"),
-        (signal.SIGINT, False, 130, "m2t-text: interrupted; nothing was left half done\n"),
-        (signal.SIGKILL, False, -9, ""),
+        (signal.SIGINT, True, 1, 130, "m2t-text: interrupted; nothing was left half done\n"),
+        (signal.SIGINT, True, 2, 130, "m2t-text: interrupted; nothing was left half done\n"),
+        (signal.SIGINT, False, 2, 130, "m2t-text: interrupted; nothing was left half done\n"),
+        (signal.SIGKILL, False, 2, -9, ""),
     ],
 )
-def test_no_process_of_the_pool_survives_or_complains(
-    own_index: Path, short: Path, ending: signal.Signals, everyone: bool, status: int, message: str
+def test_indexing_that_ends_early_leaves_the_index_as_it_was_and_no_process(
+    own_index: Path, short: Path, ending: signal.Signals, everyone: bool, jobs: int, status: int, message: str
 ) -> None:
     before = MapIndex.open(own_index).ids
-    line = [sys.executable, "-c", SLOW, "index", str(short), "--index", "i", "--name", "b", "--jobs", "2"]
+    line = [sys.executable, "-c", SLOW, "index", str(short), "--index", "i", "--name", "b", "--jobs", str(jobs)]
     process = subprocess.Popen(
         line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -530,6 +519,29 @@ def test_no_process_of_the_pool_survives_or_complains(
     assert process.communicate(timeout=20)[1] == message  # read to its end: nobody is left to write there
     assert process.returncode == status
     assert MapIndex.open(own_index).ids == before
+
+
+EARLY = """
+import os
+import signal
+import sys
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numba":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupting())
+from m2t_text.cli import main
+main()
+"""
+
+
+def test_interrupted_while_it_starts(simulated_index: Path) -> None:
+    search = ["search", MapIndex.open(simulated_index).ids[0], "--index", str(simulated_index)]
+    done = subprocess.run([sys.executable, "-c", EARLY, *search], capture_output=True, text=True, check=False)
+    message = "m2t-text: interrupted; nothing was left half done\n"
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", message)
 
 
 # --- The demonstration

@@ -23,8 +23,8 @@ pytest.importorskip("rclpy", reason="no wheels of rclpy are installed here: `mak
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
@@ -44,6 +44,13 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NUMBERS = count()
 SCANS = int(os.environ.get("ROS_TEST_SCANS", "10000"))
 PATIENCE = 600.0  # s; it tells what hangs from what a busy machine takes to compile
+LOST = 20.0  # s after which an answer may be lost
+LEADS_TO = {
+    Transition.TRANSITION_CONFIGURE: State.PRIMARY_STATE_INACTIVE,
+    Transition.TRANSITION_ACTIVATE: State.PRIMARY_STATE_ACTIVE,
+    Transition.TRANSITION_DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
+    Transition.TRANSITION_CLEANUP: State.PRIMARY_STATE_UNCONFIGURED,
+}
 AHEAD = 30  # scans that the robot may be ahead of the node, which has room for 100
 
 
@@ -72,22 +79,35 @@ class Robot:
         self.time = 0.0
 
     def until(self, done: Callable[[], Any], patience: float = PATIENCE) -> None:
-        end = time.monotonic() + patience
-        while not done():
-            assert time.monotonic() < end, "the node does not answer"
+        assert self.spin(done, patience), "the node does not answer"
+
+    def spin(self, done: Callable[[], Any], seconds: float) -> bool:
+        """Whether it is done within so many seconds."""
+        end = time.monotonic() + seconds
+        while not done() and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)
+        return bool(done())
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
+        """The answer; it is asked for again where it may be lost, as those to a robot are that the node has not
+        heard of yet."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
+        asked: list[Any] = []
+        end = time.monotonic() + PATIENCE
+        while not any(future.done() for future in asked):
+            assert time.monotonic() < end, "the node does not answer"
+            asked.append(client.call_async(request))
+            self.spin(asked[-1].done, LOST)
         self.node.destroy_client(client)
-        return future.result()
+        return next(future.result() for future in asked if future.done())
 
     def change(self, transition: int) -> bool:
+        """Whether the node is in the state to which a transition leads, once it was asked for."""
         request = ChangeState.Request(transition=Transition(id=transition))
-        return bool(self.call(ChangeState, "m2t_localizer/change_state", request).success)
+        self.call(ChangeState, "m2t_localizer/change_state", request)
+        state = self.call(GetState, "m2t_localizer/get_state", GetState.Request()).current_state
+        return bool(state.id == LEADS_TO[transition])
 
     def start(self) -> None:
         assert self.change(Transition.TRANSITION_CONFIGURE)

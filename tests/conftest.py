@@ -22,7 +22,7 @@ settings.load_profile("same")
 if "PYTEST_XDIST_WORKER" in os.environ:  # each core has its own worker, which therefore needs no threads
     os.environ["M2T_THREADS"] = "1"
 
-# Behind nohup commands that tests start would ignore it, too.
+# Under nohup the commands that tests start would ignore Ctrl-C as well.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

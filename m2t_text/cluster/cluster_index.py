@@ -22,6 +22,7 @@ from m2t_text.errors import DamageError, MapIndexError, QueryError, listed
 from m2t_text.index.query_language import parse_query
 from m2t_text.index.results import DatasetSummary, Hit, IndexInfo, best_first
 from m2t_text.index.schema import schema
+from m2t_text.index.search.largest import reached
 
 if TYPE_CHECKING:
     from m2t_text.index.search.weighting import MapWeighting, Method
@@ -32,9 +33,9 @@ REMEMBERED = 256  # documents whose texts came along with hits
 class ClusterIndex:
     """The maps of all shards, as `find` and the command line use a `MapIndex`.
 
-    A search takes steps: each shard scores the maps that promise most, and what the best of all shards reach
-    is the floor below which none has to look. A search is exact, or it raises: an answer without some of
-    the shards is given only where ``partial`` allows it, and `missing` says which.
+    Where several servers answer, a search takes steps: each scores the maps that promise most, and what the
+    best of all reach is the floor below which none has to look. A search is exact, or it raises: an answer
+    without some of the shards is given only where ``partial`` allows it, and `missing` says which.
 
     Examples:
         >>> import m2t_text as m2t
@@ -246,8 +247,7 @@ class ClusterIndex:
 
 def _reached(known: Mapping[int, Known], top: int) -> float:
     """The score that the ``top`` best of all shards reach, 0 while there are fewer."""
-    scores = np.sort(np.concatenate([np.zeros(top), *(one.scores for one in known.values())]))
-    return float(scores[-top])
+    return reached(np.concatenate([np.zeros(0), *(one.scores for one in known.values())]), top)
 
 
 def _check(manifest: Manifest, number: int, hits: list[Hit]) -> None:

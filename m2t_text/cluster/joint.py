@@ -43,7 +43,8 @@ class JointSearch:
         self._cell = index.parameters.mapping.cell
         wanted = None if search.wanted is None else partial(are_wanted, search.wanted, cell=self._cell)
         states = index.snapshots.values()
-        allowed = [part for state in states for part in state.allowed(search.exclude, search.filter)]
+        with damage_errors(index.path):
+            allowed = [part for state in states for part in state.allowed(search.exclude, search.filter)]
         self._ranking = Ranking(
             index.model(search.method).text_scorer(search.text, index.collection),
             index.segments,

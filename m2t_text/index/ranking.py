@@ -41,7 +41,7 @@ class Recent:
 
     def places(self, segments: Iterable[Segment], documents: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
         """(K,) their places among all documents (D,) of segments, ascending; those that are missing there are
-        left out. None at all if searches have not followed each other lately."""
+        left out. There are no places if searches have not followed each other lately."""
         places, begin = [np.zeros(0, dtype=np.int64)], 0
         if not any(list(self._followed)):
             return places[0]

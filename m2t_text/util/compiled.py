@@ -25,7 +25,7 @@ class Group(StrEnum):
     AGREEMENT = "agreement"
     INTERSECTION = "intersection"
     VERIFICATION = "verification"
-    SIEVING = "sieving"  # from the second search of a process on, among many maps
+    SIEVING = "sieving"  # from the fourth search of a process on, among many maps
     MAPPING = "mapping"  # of whole drives, from and to saved maps, and of scans between which odometry leaps
 
     @classmethod

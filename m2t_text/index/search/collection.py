@@ -22,7 +22,7 @@ ALONE = 3  # searches without tiles before they are made
 CHUNK = 4096  # maps whose tiles are made together
 GRID = 2.0**-32  # sums below 2^21 are exact in a float: the weights of 100,000 keypoints
 
-_lock = threading.RLock()
+_collecting, _tiling = threading.RLock(), threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Collection:
     def uses_tiles(self) -> bool:
         """Whether a search uses tiles, which are there then. They are made once these maps have been searched
         ALONE times: it takes as long as a few searches."""
-        with _lock:  # one thread makes them
+        with _tiling:  # one thread makes them
             if next(self._searches) < ALONE and not all("tiles" in vars(one) for one in self.segments.values()):
                 return False
             for segment in self.segments.values():
@@ -133,7 +133,7 @@ def collection(searcher: Any, fieldname: str) -> Collection:
     It lives as long as the reader does.
     """
     reader = searcher.get_parent().reader()
-    with _lock:
+    with _collecting:
         if reader not in _collections:
             _collections[reader] = _collect(reader, fieldname)
         return _collections[reader]

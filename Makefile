@@ -3,8 +3,8 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: help demo test long-test web-test cluster-test ros-test web-bench live-bench patrol-bench pf-bench stress fuzz bench \
-  loops slam-bench calibrate lint docs docs-check notebooks clean
+.PHONY: help demo test long-test web-test cluster-test ros-test web-bench cluster-bench live-bench patrol-bench \
+  pf-bench stress fuzz bench loops slam-bench calibrate lint docs docs-check notebooks clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -49,6 +49,12 @@ web-bench: $(VENV)/.installed-web  ## what the page must hold: first picture, fr
 # picks parts.
 bench: $(VENV)/.installed-bench  ## speed and size; writes bench.json
 	$(BIN)/python tests/benchmarks/bench.py
+
+# MAPS=13600 picks how many maps.
+cluster-bench: $(VENV)/.installed-bench  ## what a search among shards takes, against one index of the same maps
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[cluster]' > /dev/null 2>&1 \
+	  || echo "Ray cannot be installed here: it is not measured"
+	$(BIN)/python tests/benchmarks/shards.py
 
 # make loops LOGS="a.log b.log.gz": how far loops correct the trajectories of logs with corrected poses.
 loops: $(VENV)/.installed-test  ## how far loops correct logs: make loops LOGS="a.log b.log"

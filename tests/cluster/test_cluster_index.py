@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from apart import Apart, apart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from map_oracle import document, random_documents, random_text
@@ -13,7 +14,6 @@ from map_oracle import document, random_documents, random_text
 from m2t_text.cluster import store as store_module
 from m2t_text.cluster.carrier import InProcess
 from m2t_text.cluster.cluster_index import ClusterIndex
-from m2t_text.cluster.shard import ShardServer
 from m2t_text.cluster.store import Store
 from m2t_text.cluster.writing import sharded_writer
 from m2t_text.config import PROFILES, MatchingParameters
@@ -36,33 +36,6 @@ def written(folder: Path, parameters, datasets: dict[str, list[Document]], shard
         for name, documents in datasets.items():
             writer.replace(name, documents)
     return ClusterIndex.open(folder)
-
-
-class Apart(InProcess):
-    """Several servers, each of which answers for so many shards."""
-
-    def __init__(self, store: Store, each: int) -> None:
-        super().__init__(store)
-        self._each = each
-        self._servers: dict[tuple[int, ...], ShardServer] = {}
-        self.steps: set[str] = set()
-
-    def ask(self, method, generation, numbers, *arguments, partial=False):
-        self.steps.add(method)
-        answers = {}
-        for own in batched(numbers, self._each):
-            server = self._servers.setdefault(own, ShardServer(self._store))
-            answers |= server.answer(method, generation, own, arguments)
-        return answers
-
-
-def batched(numbers, each: int) -> list[tuple[int, ...]]:
-    numbers = list(numbers)
-    return [tuple(numbers[k : k + each]) for k in range(0, len(numbers), each)]
-
-
-def apart(index: ClusterIndex, each: int) -> ClusterIndex:
-    return ClusterIndex(Apart(Store(index.path), each), index.path)
 
 
 def one_index(folder: Path, parameters, datasets: dict[str, list[Document]]) -> MapIndex:

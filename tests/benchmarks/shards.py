@@ -46,9 +46,9 @@ def main() -> None:
         shards = sharded(one)
         compared: dict[str, tuple[Searchable, Seconds]] = {
             "one index": (one.pinned(), nothing),
-            "one process": (apart(shards, SHARDS), nothing),
-            "two servers": (apart(shards, 2), nothing),
-            "four servers": (apart(shards, 1), nothing),
+            "one process": (apart(shards, SHARDS).pinned(), nothing),
+            "two servers": (apart(shards, 2).pinned(), nothing),
+            "four servers": (apart(shards, 1).pinned(), nothing),
         }
         with ExitStack() as stack:
             if find_spec("ray"):
@@ -106,7 +106,7 @@ def served(shards: ClusterIndex, stack: ExitStack) -> tuple[Searchable, Seconds]
     head = running.start(shards.path, replicas=1, port=free_port())
     wait_for(head.address, lambda status: status.served is not None)
     index = stack.enter_context(cluster_index(head.address))
-    return index, lambda: seconds(processes(head.pid))
+    return index.pinned(), lambda: seconds(processes(head.pid))
 
 
 def seconds(pids: list[int]) -> float:
